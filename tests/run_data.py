@@ -8,6 +8,7 @@ import numpy as np
 from acrc_testbed.run_model.data import RunData, RunDescription, step_columns
 from actors.floor.grid import FREE, OccupancyGrid
 from actors.instant import in_seconds
+from cleaning.task import Cleaning
 
 NO_FLOOR = OccupancyGrid(np.full((1, 1), FREE, np.uint8), 1.0)
 
@@ -18,7 +19,13 @@ def run_data(
     """Return a run with ground truth: `true` and other columns by step and robot."""
     steps = len(columns["true"])
     description = RunDescription(
-        out=Path(), title="a run", robots=robots, grid=grid, step_us=step_us, own_places={}
+        out=Path(),
+        title="a run",
+        robots=robots,
+        grid=grid,
+        step_us=step_us,
+        task=Cleaning.declaration,
+        item_counts={},
     )
     known = {"powered": columns.get("stepping", False), **columns}
     return RunData(

@@ -68,7 +68,7 @@ class RobotIdentity(msgspec.Struct, frozen=True):
     epoch: int
     address: int
     step_us: int
-    places: tuple[tuple[float, float], ...]
+    items: tuple[Any, ...]
 
 
 class Tick(NamedTuple):

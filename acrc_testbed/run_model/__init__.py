@@ -1,1 +1,1 @@
-"""The run model: a run from any source as typed columns, places, floor and events."""
+"""The run model: a run from any source as typed columns, items, floor and events."""

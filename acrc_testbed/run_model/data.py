@@ -21,14 +21,12 @@ from acrc_testbed.run_model.robot_introspection import Floats, RecordedProcess, 
 from actors.floor.grid import OccupancyGrid
 from actors.instant import in_seconds
 from actors.items import ItemKey
-from actors.messages import Jam
+from actors.messages import ItemMark, Jam, TaskEvent
 from actors.orders import AssignItems, CloseDoor, LoseFrame, Move, Obstacle, OpenDoor, Order, StartJam, Wall
 from actors.robot.behaviour.decisions import AdaptationDecision
 from actors.robot.navigation.navigation_counts import GoalRecord
-from actors.runtime.errors import AcrcError
-from cleaning.referee import PlaceOutcome
-
-Points = tuple[tuple[float, float], ...]
+from actors.runtime.errors import AcrcError, printable
+from actors.task.task import TaskDeclaration, Value
 
 
 class RunDataError(AcrcError):
@@ -55,7 +53,7 @@ STEP_COLUMNS: Final = (
            3, np.nan),
     StepColumn("powered", np.bool_, "", "the robot's process is alive"),
     StepColumn("stepping", np.bool_, "", "the robot takes part in the step: it is neither frozen nor off"),
-    StepColumn("places_left", np.int64, "", "places that the robot still intends to visit"),
+    StepColumn("items_left", np.int64, "", "items of the task that the robot still intends to do"),
     StepColumn("frames_sent", np.int64, "", "frames that the robot handed to its transceiver in the step"),
     StepColumn("frames_heard", np.int64, "", "frames that the robot received in the step"),
     StepColumn("charge", np.float64, "", "share of the battery's capacity left; NaN: not simulated",
@@ -73,20 +71,20 @@ def step_columns(steps: int, robots: int) -> dict[str, NDArray[Any]]:
     }  # fmt: skip
 
 
-class PlaceEvent(NamedTuple):
-    """A robot's report about one place: cleaned, adopted or given up."""
+class ItemEvent(NamedTuple):
+    """A robot's report about one item: adopted or given up."""
 
     robot: str
     second: float
-    place: ItemKey
+    key: ItemKey
 
 
 class Route(NamedTuple):
-    """Places that a robot intends to visit from an instant on."""
+    """Items that a robot intends to do from an instant on."""
 
     robot: str
     second: float
-    places: tuple[ItemKey, ...]
+    items: tuple[ItemKey, ...]
 
 
 @dataclass(frozen=True, eq=False)
@@ -133,8 +131,9 @@ class RunDescription:
     grid: OccupancyGrid
     """The robots' map."""
     step_us: int
-    own_places: Mapping[str, Points]
-    """Initial places of each robot, m."""
+    task: TaskDeclaration
+    item_counts: Mapping[str, int]
+    """Initial number of items of each robot."""
     addresses: Mapping[int, str] = field(default_factory=dict)
     """Robots by short address."""
     radius: float = 0.0
@@ -167,7 +166,7 @@ class RunData:
     commanded: Floats
     powered: NDArray[np.bool_]
     stepping: NDArray[np.bool_]
-    places_left: NDArray[np.int64]
+    items_left: NDArray[np.int64]
     frames_sent: NDArray[np.int64]
     frames_heard: NDArray[np.int64]
     charge: Floats
@@ -177,15 +176,15 @@ class RunData:
     """By robot, in scenario order."""
     heard: Floats = field(default_factory=lambda: np.zeros((0, 4)))
     """(k, 4): frames received from known senders, by instant: s, index of sender, of receiver, RSSI, dBm."""
-    places: Mapping[str, Points] = field(default_factory=dict)
-    """Places by owner, m: initial ones, then those assigned during the run."""
-    reported: tuple[PlaceEvent, ...] = ()
-    """Places that robots reported as cleaned, in order of time."""
-    taken_over: tuple[PlaceEvent, ...] = ()
-    """Places of other owners that robots added to their routes."""
-    given_up: tuple[PlaceEvent, ...] = ()
+    marks: tuple[tuple[float, ItemMark], ...] = ()
+    """New states of items by the task's judge, each with its time, s, in order of time."""
+    task_events: tuple[TaskEvent, ...] = ()
+    """Events of robots in their task by its judge, in order of time."""
+    taken_over: tuple[ItemEvent, ...] = ()
+    """Items of other robots that robots added to their routes."""
+    given_up: tuple[ItemEvent, ...] = ()
     routes: tuple[Route, ...] = ()
-    """In order of time; before its first route each robot intends to visit its own places."""
+    """In order of time; before its first route each robot intends to do its own initial items."""
     jams: tuple[tuple[float, Jam], ...] = ()
     """Jammers, each with its switch-on time, s."""
     orders: tuple[RecordedOrder, ...] = ()
@@ -204,8 +203,8 @@ class RunData:
     """By robot; only for a whole simulated run."""
     notes: tuple[str, ...] = ()
     """Missing or unknown data, a sentence each."""
-    outcomes: tuple[PlaceOutcome, ...] = ()
-    """Outcome of each place by the referee; only for a whole run."""
+    items: tuple[Mapping[str, Value], ...] = ()
+    """Rows of the task's table of items (`TaskDeclaration.columns`); only for a whole run."""
     result: RunResult | None = None
     """None if the run did not end as planned, and for a part."""
 
@@ -231,8 +230,8 @@ class RunData:
 
     @property
     def busy(self) -> NDArray[np.bool_]:
-        """(steps, robots): False once a robot has no places left."""
-        return self.places_left > 0
+        """(steps, robots): False once a robot has no items left."""
+        return self.items_left > 0
 
     @property
     def frozen(self) -> NDArray[np.bool_]:
@@ -268,7 +267,7 @@ def ordered_changes(run: RunData) -> list[AppliedOrder]:
     """
     found = []
     for step, order in run.orders:
-        if words := _order_text(order):
+        if words := _order_text(order, run.description.task):
             robot = order.robot if isinstance(order, AssignItems | Move | LoseFrame) else ""
             if not isinstance(order, Move) or _has_arrived(run, step, order):
                 found.append(AppliedOrder(in_seconds(step * run.step_us), robot, words))
@@ -283,7 +282,7 @@ def _has_arrived(run: RunData, step: int, order: Move) -> bool:
     return math.dist((x, y), (order.x, order.y)) < _ARRIVAL_DISTANCE
 
 
-def _order_text(order: Order) -> str:
+def _order_text(order: Order, task: TaskDeclaration) -> str:
     """Describe an order; "" for one with other marks."""
     words = ""
     match order:
@@ -297,8 +296,8 @@ def _order_text(order: Order) -> str:
             words = f"door at ({x:.1f}, {y:.1f}) opens"
         case StartJam(x, y, radius, duration):
             words = f"jammer of {radius:g} m at ({x:.1f}, {y:.1f}) for {in_seconds(duration):g} s"
-        case AssignItems(_, places):
-            words = f"receives {len(places)} more place{'' if len(places) == 1 else 's'}"
+        case AssignItems(_, items):
+            words = f"receives {len(items)} more {printable(task.item if len(items) == 1 else task.items)}"
         case Move(_, x, y, _):
             words = f"is carried to ({x:.1f}, {y:.1f})"
         case LoseFrame(_, sender):

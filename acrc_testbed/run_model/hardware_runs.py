@@ -13,7 +13,7 @@ from acrc_testbed.recordings.run_recordings import read_run_note, recordings
 from acrc_testbed.recordings.topics import recorded_span
 from acrc_testbed.results.clocks import AlignedClocks
 from acrc_testbed.results.field_recordings import FieldTrial, Moment, RobotLog, read_field_trial
-from acrc_testbed.results.field_trial_result import reported_places
+from acrc_testbed.results.trial_judgement import judge_reports
 from acrc_testbed.run_model.data import RunData, RunDescription
 from acrc_testbed.run_model.model import RunModel, convert_instants
 from acrc_testbed.run_model.robot_introspection import Floats, RecordedProcess, RobotInternals, process_model
@@ -21,7 +21,7 @@ from acrc_testbed.run_model.simulated_runs import recorded_run
 from actors.floor.grid import FREE, OccupancyGrid
 from actors.floor.map_file import load_map
 from actors.geometry import Point
-from actors.messages import INTROSPECTION, RECEIVED, SENSES, Drive
+from actors.messages import INTROSPECTION, RECEIVED, SENSES, TASK_CHANGED, Drive
 from actors.runtime.codec import decode
 from actors.runtime.errors import AcrcError
 from actors.runtime.recording import Note, read_recording
@@ -53,6 +53,7 @@ def collected_run(out: Path, *, internals: bool = False) -> RunData:
     clocks = AlignedClocks(trial)
     times = {id(log): _TrialClock(log, clocks) for log in trial.all_logs()}
     grid, missing = _trial_map(trial)
+    judgement = judge_reports(trial, clocks)
     model = RunModel(
         RunDescription(
             out=out,
@@ -60,21 +61,24 @@ def collected_run(out: Path, *, internals: bool = False) -> RunData:
             robots=tuple(trial.logs),
             grid=grid,
             step_us=next(trial.all_logs()).identity.step_us,
-            own_places={robot: logs[0].identity.places or () for robot, logs in trial.logs.items()},
+            task=judgement.declaration,
+            item_counts={robot: len(logs[0].identity.items) for robot, logs in trial.logs.items()},
             addresses={log.identity.address: log.identity.id for log in trial.all_logs()},
             has_truth=False,
         )
     )
     for second, key, message in sorted(_messages(trial, times), key=lambda one: one[0]):
         model.extend(key, message, second)
+    for instant, changed in judgement.changes:
+        model.extend(TASK_CHANGED.key(), changed, instant / 1e6)
     for robot, second, state in _state_changes(trial, times):
         model.set_state(robot, second, state)
-    for sentence in (*trial.notes, *clocks.notes, *reported_places(trial, clocks).notes, *missing):
+    for sentence in (*trial.notes, *clocks.notes, *judgement.notes, *missing):
         model.add_note(sentence)
     processes = [
         RecordedProcess(log.path.stem, log.identity.id, times[id(log)].seconds) for log in trial.all_logs()
     ]
-    run = model.take_reports(clocks.span / 1e6, processes)
+    run = replace(model.take_reports(clocks.span / 1e6, processes), items=judgement.outcome.items)
     if not internals:
         return run
     return replace(run, internals=tuple(map(_introspection, trial.all_logs(), processes)))

@@ -1,15 +1,14 @@
-"""The run model: accumulates the messages of a run into columns, places, floor and events."""
+"""The run model: accumulates the messages of a run into columns, items, floor and events."""
 
 from collections.abc import Callable, Mapping, Sequence
-from operator import attrgetter
-from typing import Any, TypeVar
+from operator import attrgetter, itemgetter
+from typing import Any, Final, TypeVar
 
 import msgspec
 import numpy as np
 
 from acrc_testbed.recordings.run_recordings import RecordedOrder
 from acrc_testbed.run_model.data import (
-    Points,
     RunData,
     RunDataError,
     RunDescription,
@@ -18,8 +17,8 @@ from acrc_testbed.run_model.data import (
 )
 from acrc_testbed.run_model.floor import FLOOR_ORDERS, NO_CHANGES, FloorHistory
 from acrc_testbed.run_model.frame_outcomes import FrameCopies, frame_copies
-from acrc_testbed.run_model.place_reports import PlaceReports
 from acrc_testbed.run_model.robot_introspection import RecordedProcess
+from acrc_testbed.run_model.task_state import ItemReports
 from actors.instant import in_seconds
 from actors.message_limits import OrderLimits, order_fault
 from actors.messages import (
@@ -28,15 +27,18 @@ from actors.messages import (
     FloorChanged,
     FrameOutcomes,
     FrameReceived,
+    ItemMark,
     RadioAdvanced,
     RadioEvents,
-    Ready,
-    SensorData,
+    TaskChanged,
+    TaskEvent,
     Truth,
 )
 from actors.topic import Message
 
 T = TypeVar("T", bound=Any)
+_ROUNDING: Final = 1e-6
+"""Tolerance of comparisons of instants, s."""
 
 
 def robot_of(key: str) -> str:
@@ -46,15 +48,14 @@ def robot_of(key: str) -> str:
 
 
 def convert_instants(message: Message, convert: Callable[[int], int]) -> Message:
-    """Return a robot's message with the instants of its reports and radio events converted, µs."""
+    """Return a robot's message with the instants of its items given up and radio events converted, µs."""
 
     def converted(parts: Sequence[T]) -> tuple[T, ...]:
         return tuple(msgspec.structs.replace(one, instant=convert(one.instant)) for one in parts)
 
     match message:
         case Drive():
-            reports, given_up = converted(message.reports), converted(message.given_up)
-            return msgspec.structs.replace(message, reports=reports, given_up=given_up)
+            return msgspec.structs.replace(message, given_up=converted(message.given_up))
         case RadioEvents():
             return msgspec.structs.replace(message, events=converted(message.events))
     return message
@@ -79,8 +80,8 @@ class RunModel:
         """`scheduled`: orders of the scenario."""
         self.description = description
         self._index = {robot: number for number, robot in enumerate(description.robots)}
-        self._reports = PlaceReports(description.own_places)
-        self._places_left = np.array(
+        self._reports = ItemReports(description)
+        self._items_left = np.array(
             [self._reports.left_count(robot) for robot in description.robots], np.int64
         )
         self._floor = FloorHistory(description.step_us)
@@ -91,7 +92,8 @@ class RunModel:
         """Rows without ground truth, by robot: s, estimated pose, commanded velocity."""
         self._heard: list[tuple[int, float, int, int, float]] = []
         """Step and a row of `RunData.heard`; sender -1 is unknown."""
-        self._assigned: dict[str, Points] = {}
+        self._task_changes: list[tuple[float, TaskChanged]] = []
+        """With the start of their steps, s."""
         self._orders = [one for one in scheduled if order_fault(one.order, OrderLimits()) is None]
         """Valid orders that were not returned yet."""
         self._boundary = 0
@@ -125,23 +127,18 @@ class RunModel:
                     self._add_report(robot, message, second)
             case RadioEvents() if robot in self._index:
                 self._add_receptions(robot, message)
-            case SensorData() if robot in self._index and message.places:
-                self._assigned[robot] = (*self._assigned.get(robot, ()), *message.places)
-            case Ready() if robot in self._index:  # a new process receives all places again
-                self._assigned[robot] = ()
-            case FloorChanged() | FrameOutcomes():
-                self._extend_recorded(message)
+            case FloorChanged():
+                self._floor.extend(message)
+            case FrameOutcomes():
+                self._frames.append(message)
+            case TaskChanged():
+                start = in_seconds(message.step * self.description.step_us)
+                self._task_changes.append((start if second is None else second, message))
             case RadioAdvanced():
                 self._boundary = message.step + 1
             case Control():
                 valid = (order for order in message.orders if order_fault(order, OrderLimits()) is None)
                 self._orders += [RecordedOrder(self._boundary, order) for order in valid]
-
-    def _extend_recorded(self, message: FloorChanged | FrameOutcomes) -> None:
-        if isinstance(message, FloorChanged):
-            self._floor.extend(message)
-        else:
-            self._frames.append(message)
 
     def set_state(self, robot: str, second: float, state: str) -> None:
         """Record a change of a robot's state: a value of `Trajectory.states`."""
@@ -230,15 +227,15 @@ class RunModel:
         robots: Mapping[str, Trajectory],
         **fields: Any,
     ) -> RunData:
-        reports, own_places = self._reports, self.description.own_places
+        reports, (marks, events) = self._reports, self._take_task_changes(end)
         data = RunData(
             description=self.description,
             since=self.since,
             end=end,
             seconds=seconds,
             trajectories=robots,
-            places={robot: (*own_places.get(robot, ()), *self._assigned.get(robot, ())) for robot in robots},
-            reported=tuple(reports.reported),
+            marks=marks,
+            task_events=events,
             taken_over=tuple(reports.taken_over),
             given_up=tuple(reports.given_up),
             routes=tuple(reports.routes),
@@ -264,12 +261,25 @@ class RunModel:
         self._rows.setdefault(robot, []).append(row)
 
     def _add_receptions(self, robot: str, received: RadioEvents) -> None:
-        addresses, own_places = self.description.addresses, self._index[robot]
+        addresses, receiver = self.description.addresses, self._index[robot]
         for event in received.events:
             if isinstance(event, FrameReceived):
                 sender = self._index.get(addresses.get(event.sender, ""), -1)
-                row = (received.step, in_seconds(event.instant), sender, own_places, event.rssi_dbm)
+                row = (received.step, in_seconds(event.instant), sender, receiver, event.rssi_dbm)
                 self._heard.append(row)
+
+    def _take_task_changes(
+        self, end: float
+    ) -> tuple[tuple[tuple[float, ItemMark], ...], tuple[TaskEvent, ...]]:
+        """Remove and return the marks with their times, and the events, up to `end`, s."""
+        now = [one for one in self._task_changes if one[0] <= end + _ROUNDING]
+        self._task_changes = [one for one in self._task_changes if one[0] > end + _ROUNDING]
+        now.sort(key=itemgetter(0))
+        events = [event for _, changed in now for event in changed.events if event.robot in self._index]
+        return (
+            tuple((second, mark) for second, changed in now for mark in changed.marks),
+            tuple(sorted(events, key=attrgetter("instant"))),
+        )
 
     def _take_changes(self, robot: str) -> tuple[tuple[float, str], ...]:
         return tuple(self._changes.pop(robot, ()))
@@ -295,7 +305,7 @@ class RunModel:
             columns["stepping"][row] = [one.stepping for one in truth.robots]
             if truth.charges:
                 columns["charge"][row] = truth.charges
-        columns["places_left"][:] = self._places_left
+        columns["items_left"][:] = self._items_left
         for robot, drive in self._drives:
             if drive.step <= until:
                 self._add_answer(columns, self._index[robot], robot, drive, drive.step - first)
@@ -309,8 +319,8 @@ class RunModel:
         """Add a robot's answer to the senses of a step."""
         self._reports.extend(robot, drive, in_seconds(drive.step * self.description.step_us))
         if drive.route is not None:
-            self._places_left[index] = self._reports.left_count(robot)
-            columns["places_left"][max(row, 0) :, index] = self._places_left[index]
+            self._items_left[index] = self._reports.left_count(robot)
+            columns["items_left"][max(row, 0) :, index] = self._items_left[index]
         if row >= 0:
             columns["estimated"][row, index] = (np.nan,) * 3 if drive.pose is None else drive.pose
             columns["commanded"][row, index] = (drive.vx, drive.vy, drive.omega)

@@ -10,7 +10,6 @@ from acrc_testbed.recordings.run_recordings import read_setup, recordings
 from acrc_testbed.results.outcome import decode_subject
 from acrc_testbed.results.result import RunResult
 from acrc_testbed.run_model.data import RobotReport, RunData, RunDataError
-from actors.items import ItemKey
 from actors.messages import FRAME_OUTCOMES, FrameOutcomes
 from actors.radio.radio_model import RadioSetup
 from actors.robot.behaviour.decisions import AdaptationDecision, AdaptationReport
@@ -20,9 +19,9 @@ from actors.runtime import regular_file, typed_json
 from actors.runtime.codec import decode
 from actors.runtime.process import FinalNote
 from actors.runtime.recording import Direction, Note, decode_note, read_notes, read_recording
+from actors.task.task import TaskOutcome, Value
 from actors.topic import M, Message, Topic
 from actors.world.world_setup import WorldSetup
-from cleaning.referee import PlaceOutcome
 
 T = TypeVar("T")
 NO_FRAMES: Final = "radio: outcomes of frames were not recorded; record the run with --record full"
@@ -113,28 +112,21 @@ def largest_radius(setup: WorldSetup) -> float:
     return max(load_model(robot.model).footprint.circumradius for robot in setup.robots)
 
 
-def place_outcomes(run: RunData) -> tuple[PlaceOutcome, ...]:
-    """Return the outcome of each place by the referee; for a truncated run, by the robots' reports."""
-    outcomes = final_outcome(recordings(run.out)["world"], "places", tuple[PlaceOutcome, ...], "a world")
-    if outcomes is not None:
-        return outcomes
-    first = {one.place: (round(one.second * 1e6), one.robot) for one in reversed(run.reported)}
+def final_items(run: RunData) -> tuple[Mapping[str, Value], ...]:
+    """Return the final rows of all items; for a truncated run, their keys and points from the last marks.
+
+    Raises RecordingError or OutcomeError for an invalid record.
+    """
+    outcome = final_outcome(recordings(run.out)["world"], "task", TaskOutcome, "a world")
+    if outcome is not None:
+        return outcome.items
+    task = run.description.task
+    last = {mark.key: mark for _, mark in run.marks}
     return tuple(
-        _reported_outcome(owner, index, point, *first.get(ItemKey(owner, index), (None, None)))
-        for owner, points in run.description.own_places.items()
-        for index, point in enumerate(points)
+        {"owner": key.owner, task.item: key.number, "x": mark.x, "y": mark.y}
+        for key, mark in last.items()
+        if mark.state
     )
-
-
-def _reported_outcome(
-    owner: str, index: int, point: tuple[float, float], at: int | None, by: str | None
-) -> PlaceOutcome:
-    """Return the outcome of a place without the referee's record."""
-    return PlaceOutcome(
-        owner=owner, place=index, x=point[0], y=point[1], reached_at=at, reached_by=by, reported_at=at,
-        reported_by=by, given_up_at=None, given_up_by=None, reason=None,
-        in_route_of=(owner,) if at is None else (),
-    )  # fmt: skip
 
 
 def run_result(out: Path) -> RunResult | None:

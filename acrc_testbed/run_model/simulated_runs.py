@@ -11,8 +11,8 @@ from acrc_testbed.recordings.topics import GrowingRecording, LoggedMessage
 from acrc_testbed.run_model.data import RunData, RunDataError, RunDescription
 from acrc_testbed.run_model.model import RunModel, robot_of
 from acrc_testbed.run_model.recording_readers import (
+    final_items,
     largest_radius,
-    place_outcomes,
     robot_report,
     run_result,
     world_setup,
@@ -31,9 +31,9 @@ from actors.messages import (
     FLOOR_CHANGED,
     FRAME_OUTCOMES,
     INTROSPECTION,
-    READY,
     RECEIVED,
     SENSES,
+    TASK_CHANGED,
     TRUTH,
     Drive,
 )
@@ -48,8 +48,8 @@ _TOPICS: Final[dict[str, frozenset[str]]] = {
 }
 _RECEIVED_BY_ROBOTS: Final = frozenset({SENSES.pattern, RECEIVED.pattern})
 """Topics of received messages to read, by the actor whose recording has them."""
-_SENT_BY_ROBOTS: Final = frozenset({READY.pattern, INTROSPECTION.pattern})
-_SENT_BY_OTHERS: Final = frozenset({FRAME_OUTCOMES.pattern, FLOOR_CHANGED.pattern})
+_SENT_BY_ROBOTS: Final = frozenset({INTROSPECTION.pattern})
+_SENT_BY_OTHERS: Final = frozenset({FRAME_OUTCOMES.pattern, FLOOR_CHANGED.pattern, TASK_CHANGED.pattern})
 
 
 def run_model(out: Path, setup: WorldSetup, radio: RadioSetup) -> RunModel:
@@ -60,7 +60,8 @@ def run_model(out: Path, setup: WorldSetup, radio: RadioSetup) -> RunModel:
         robots=tuple(body.id for body in setup.robots),
         grid=load_map(setup.map),
         step_us=setup.step_us,
-        own_places={body.id: body.places for body in setup.robots},
+        task=setup.task.declaration,
+        item_counts={body.id: len(body.items) for body in setup.robots},
         addresses={address: robot for robot, address in radio.robots},
         radius=largest_radius(setup),
         records_frames=radio.detail == "full",
@@ -230,9 +231,9 @@ def recorded_run(out: Path, *, internals: bool = False) -> RunData:
 
 
 def read_run(out: Path, *, internals: bool = False) -> RunData:
-    """Return a simulated run with the outcomes of places and the result.
+    """Return a simulated run with the final items and the result.
 
     Raises as `recorded_run`, and RunDataError for a damaged result.
     """
     run = recorded_run(out, internals=internals)
-    return replace(run, outcomes=place_outcomes(run), result=run_result(out))
+    return replace(run, items=final_items(run), result=run_result(out))
