@@ -208,9 +208,9 @@ class Judge:
         """Process a robot's reports of the step from `begin` to `end`, µs.
 
         Form and number have been checked (`task_reports_fault`). Return an error that continues the robot's
-        name, such as for an unknown item; None if valid.
+        name, such as for an unknown item; None if valid. By default reports have no effect.
         """
-        raise NotImplementedError
+        return None
 
     def restart(self, robot: str) -> None:
         """Process the restart of a robot, which loses its state and receives all its items again."""
@@ -221,7 +221,7 @@ class Judge:
 
     def progress(self, present: Collection[str]) -> TaskProgress:
         """Return the progress; `present`: robots with a process."""
-        raise NotImplementedError
+        return TaskProgress(0, 0)
 
     def outcome(self, present: Collection[str], end: Instant) -> TaskOutcome:
         """Return the outcome at the instant `end`; `present`: robots with a process."""
