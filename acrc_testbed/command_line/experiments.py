@@ -20,6 +20,7 @@ from acrc_testbed.command_line.shared_options import (
     option,
 )
 from acrc_testbed.explanation.time_spent import Cause, TimeSpent
+from actors.runtime.errors import printable
 
 
 def campaign(
@@ -251,10 +252,10 @@ _MAX_ROWS: Final = 20
 def _time_table(spent: TimeSpent) -> Table:
     """Return a table with a row per cause that occurred, s."""
     table = Table("time, s", *spent.robots, "all", title="Time by cause")
-    for cause in Cause:
-        durations = [each[cause.value] for each in spent.robots.values()]
+    for cause in dict.fromkeys(name for each in spent.robots.values() for name in each):
+        durations = [each[cause] for each in spent.robots.values()]
         if any(durations):
-            table.add_row(cause.value, *(f"{s:.1f}" for s in (*durations, sum(durations))))
+            table.add_row(printable(cause), *(f"{s:.1f}" for s in (*durations, sum(durations))))
     totals = [sum(each.values()) for each in spent.robots.values()]
     table.add_row("total", *(f"{s:.1f}" for s in (*totals, sum(totals))))
     return table

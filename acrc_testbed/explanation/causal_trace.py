@@ -18,7 +18,7 @@ Span = Annotated[Duration, msgspec.Meta(ge=0, le=LATEST)]
 """µs."""
 Number = Annotated[int, msgspec.Meta(ge=0, le=LATEST)]
 """A step, or a count."""
-Place = tuple[float, float]
+Position = tuple[float, float]
 """x, y, m, map frame."""
 
 
@@ -33,7 +33,7 @@ class FieldChange(msgspec.Struct, frozen=True):
     after: str
     direction: Annotated[int, msgspec.Meta(ge=-1, le=1)] = 0
     """1: a number increased; -1: decreased; 0: not a number."""
-    is_place: bool = False
+    is_point: bool = False
     """The new value is a point or a pose."""
 
 
@@ -113,7 +113,7 @@ class BehaviourOrder(msgspec.Struct, frozen=True):
     words: str
     verb: str
     """Kind of order: the first part of `words`."""
-    point: Place | None
+    point: Position | None
     """Goal; for `STOPS`, the previous goal; None: none."""
     goal: GoalState | None
     """State of navigation's previous goal."""

@@ -5,7 +5,7 @@ such a chain have the cause of its last robot, the root; a ring has no root and 
 """
 
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import Final, NamedTuple
@@ -77,6 +77,8 @@ def _ring_members(rootless: NDArray[np.bool_], before: NDArray[np.int32]) -> NDA
 
 CAUSES: Final = tuple(Cause)
 _UNDECIDED: Final = 255
+_MOST_OWN: Final = 100
+"""Most causes of a task, as a recording may declare any number."""
 Causes = NDArray[np.uint8]
 
 
@@ -85,7 +87,7 @@ class CauseTable:
     """Causes of all steps of all robots; (steps, robots) each."""
 
     causes: Causes
-    """Index in CAUSES."""
+    """Index in `names`."""
     before: NDArray[np.int32]
     """The robot that it waits for, or NO_ROBOT."""
     root: NDArray[np.int32]
@@ -96,6 +98,8 @@ class CauseTable:
     """It stood with a goal, not on purpose, whatever the cause."""
     at_door: Flags
     """It waited for a robot, and its chain leads through a door or up to one."""
+    names: tuple[str, ...] = CAUSES
+    """CAUSES, then those of the task."""
 
     def has_cause(self, *causes: Cause) -> Flags:
         """Return where one of these is the cause, (steps, robots)."""
@@ -109,7 +113,10 @@ def classify(
 ) -> CauseTable:
     """Determine the cause of each step of each robot."""
     states = RobotStates(run, floor.stages(), parameters)
-    own = _independent_causes(states, estimates_in_walls(run, floor.grid))
+    own_names = [name for name in run.description.task.causes if name not in CAUSES]
+    names = (*CAUSES, *own_names[:_MOST_OWN])
+    task = _task_causes(run, names)
+    own = _independent_causes(states, estimates_in_walls(run, floor.grid), task)
     stuck = (states.waits | states.moves_to_and_fro | states.planless) & (own == _UNDECIDED)
     before = robot_states.first_robots_ahead(states, stuck, floor.passages, parameters)
     barred = _floor_causes(states, stuck, before, parameters)
@@ -120,11 +127,22 @@ def classify(
         states, own, before, barred, _at_door(run, before, floor.passages, parameters)
     )
     stood = ((states.waits & (before != NO_ROBOT)) | states.stands_long) & ~states.paused
-    return CauseTable(causes, before, found.root, found.ring, stood, found.at_door)
+    stood &= task == _UNDECIDED
+    return CauseTable(causes, before, found.root, found.ring, stood, found.at_door, names)
 
 
-def _independent_causes(states: RobotStates, walled: Flags) -> Causes:
-    """Return the causes that do not depend on other robots; _NONE: none."""
+def _task_causes(run: RunData, names: Sequence[str]) -> Causes:
+    """Return the task's causes by the events of its judge, (steps, robots); _UNDECIDED: none."""
+    found = np.full(run.stepping.shape, _UNDECIDED, np.uint8)
+    known = {"": _UNDECIDED} | {name: number for number, name in enumerate(names) if number >= len(CAUSES)}
+    for event in run.task_events:
+        if event.kind in known:
+            found[max(event.instant // run.step_us, 0) :, run.robots.index(event.robot)] = known[event.kind]
+    return found
+
+
+def _independent_causes(states: RobotStates, walled: Flags, task: Causes) -> Causes:
+    """Return the causes that do not depend on other robots; _UNDECIDED: none. `task`: the task's causes."""
     own = np.full(states.on.shape, _UNDECIDED, np.uint8)
     for cause, where in (
         (Cause.NO_PLAN, walled & states.wants),
@@ -132,15 +150,16 @@ def _independent_causes(states: RobotStates, walled: Flags) -> Causes:
         (Cause.STRATEGY_IDLE, states.strategy_idle),
         (Cause.LOST, states.lost),
         (Cause.IDLE, states.done),
-        (Cause.OFF, ~states.on),
-        (Cause.FROZEN, states.frozen),
     ):  # later rows override earlier ones
+        own[where] = CAUSES.index(cause)
+    own = np.where(task == _UNDECIDED, own, task)
+    for cause, where in ((Cause.OFF, ~states.on), (Cause.FROZEN, states.frozen)):
         own[where] = CAUSES.index(cause)
     return own
 
 
 def _floor_causes(states: RobotStates, stuck: Flags, before: NDArray[np.int32], p: CauseCriteria) -> Causes:
-    """Return CLOSED_DOOR or UNREACHABLE where the floor blocks the path to the goal; else _NONE."""
+    """Return CLOSED_DOOR or UNREACHABLE where the floor blocks the path to the goal; else _UNDECIDED."""
     causes = np.full(stuck.shape, _UNDECIDED, np.uint8)
     closed, unreachable = CAUSES.index(Cause.CLOSED_DOOR), CAUSES.index(Cause.UNREACHABLE)
     for robot in range(stuck.shape[1]):
@@ -204,7 +223,9 @@ def _propagate_causes(
     rows, robots = np.nonzero((before != NO_ROBOT) & (found.root != NO_ROBOT))
     root = found.root[rows, robots]
     at_root = np.where(_stays_put(states, own)[rows, root], alone[rows, root], CAUSES.index(Cause.DRIVING))
-    causes[rows, robots] = _WAITING_CAUSE[at_root]
+    causes[rows, robots] = np.where(
+        at_root < len(CAUSES), _WAITING_CAUSE[np.minimum(at_root, len(CAUSES) - 1)], _OPEN_FLOOR
+    )
     gets_on = causes == CAUSES.index(Cause.OPEN_FLOOR)
     causes[gets_on & found.at_door] = CAUSES.index(Cause.DOOR)
     causes[gets_on & states.moves_to_and_fro] = CAUSES.index(Cause.LIVELOCK)
@@ -218,6 +239,7 @@ def _propagate_causes(
     return causes, found
 
 
+_OPEN_FLOOR: Final = CAUSES.index(Cause.OPEN_FLOOR)
 _WAITING_CAUSE: Final = np.array(
     [
         CAUSES.index(
@@ -232,7 +254,7 @@ _WAITING_CAUSE: Final = np.array(
     ],
     np.uint8,
 )
-"""Cause of the waiting robots of a chain, by the cause of its root."""
+"""Cause of the waiting robots of a chain, by the cause of its root; OPEN_FLOOR for causes of the task."""
 _OVERRIDABLE: Final = (Cause.DOOR, Cause.OPEN_FLOOR, Cause.NO_PROGRESS, Cause.NO_PLAN, Cause.LIVELOCK)
 """Causes of waiting robots that a blocked path overrides."""
 
@@ -327,7 +349,7 @@ def _blocking_event(
         x=round(float(middle[0]), 3),
         y=round(float(middle[1]), 3),
         place=AT_DOOR if 2 * int(doors.sum()) > doors.size else ON_FLOOR,
-        cause=CAUSES[max(causes, key=lambda cause: (causes[cause], -cause))].value,
+        cause=str(classified.names[max(causes, key=lambda cause: (causes[cause], -cause))]),
         at_end=end == len(run.true),
     )
 

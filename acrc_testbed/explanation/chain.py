@@ -192,7 +192,7 @@ def _last_run(changes: Changes, field: str, before: int) -> ChangeRun | None:
     numbers = list(_changes_of(changes, field, before))
     if not numbers:
         return None
-    if changes[numbers[-1]].fields[field].is_place and _is_frequent(changes, numbers):
+    if changes[numbers[-1]].fields[field].is_point and _is_frequent(changes, numbers):
         return None
     return ChangeRun(field, tuple(_consecutive_changes(changes, field, numbers)))
 

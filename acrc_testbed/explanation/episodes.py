@@ -81,7 +81,7 @@ class CauseCriteria:
     deadlock_s: float = 10.0
     """Minimum duration of a deadlock, s."""
     reported: float = 0.5
-    """A goal is reachable if a robot can get this near, m, as for reports of places."""
+    """A goal is reachable if a robot can get this near, m: from there robots report it."""
     contact: float = 5.0
     """Radio range without walls in between, m: half of the range of the radio `chapter`."""
     silent_s: float = 5.0
@@ -93,7 +93,7 @@ class CauseCriteria:
     """Narrower passages between rooms, m, are doors, too: two robots could pass in the 1.5 m between the
     corridor's cabinets, but do not with the chapter's local planner."""
     visit_radius: float = 0.7
-    """A goal was visited by a robot this near, m, as in the referee of the world (WorldSetup.reach)."""
+    """A goal was visited by a robot this near, m: `reported`, and 0.2 m of localisation error."""
     carry_distance: float = 0.3
     """A robot that moves farther in one step, m, was carried: six times what it can drive in 0.1 s."""
 
@@ -154,12 +154,12 @@ def standing_mask(
 class ObservedActivity:
     """Activity of one robot by ground truth, updated part by part: driving, standing or idle.
 
-    A robot that stays within `stand_radius` for `pause_s` stands if it has places left; otherwise it is idle.
+    A robot that stays within `stand_radius` for `pause_s` stands if it has items left; otherwise it is idle.
     """
 
-    def __init__(self, robot: str, *, has_places: bool = True) -> None:
-        """`has_places`: it has places before its first route."""
-        self._robot, self._has_places = robot, has_places
+    def __init__(self, robot: str, *, has_items: bool = True) -> None:
+        """`has_items`: it has items before its first route."""
+        self._robot, self._has_items = robot, has_items
         self._activity = ""
         self._is_active = True
         """False: frozen or off."""
@@ -170,7 +170,7 @@ class ObservedActivity:
         """Yield each change of activity: its time, s, and the new activity."""
         for route in routes:
             if route.robot == self._robot:
-                self._has_places = bool(route.places)
+                self._has_items = bool(route.items)
         states = deque(track.states)
         for second, (x, y, _) in zip(track.seconds.tolist(), track.poses.tolist(), strict=True):
             while states and states[0][0] <= second:
@@ -179,7 +179,7 @@ class ObservedActivity:
             if not self._is_active or np.isnan(x):
                 continue
             begin, stays = self._stays(second, x, y)
-            activity = "driving" if not stays else "standing" if self._has_places else "idle"
+            activity = "driving" if not stays else "standing" if self._has_items else "idle"
             if activity != self._activity:
                 self._activity = activity
                 yield begin if stays else second, activity

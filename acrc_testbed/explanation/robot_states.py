@@ -49,7 +49,7 @@ class RobotStates:
         self.stands = self._standing(self.on, p.pause_s)
         unknown = np.array([one.goals is None for one in self._reports])
         self.wants = ((self.goal != NO_GOAL) | unknown) & run.busy & self.on
-        """It has a goal that is not reached, and places left."""
+        """It has a goal that is not reached, and items left."""
         self.waits = self.stands & self.wants
         """It stands although it has a goal."""
         self.stands_long = self._standing(self.wants, p.turn_s)
@@ -60,7 +60,7 @@ class RobotStates:
             )
             for index in range(len(self._reports))
         )
-        """It stands with places left, but without a goal."""
+        """It stands with items left, but without a goal."""
         self.planless = _columns(interval_mask(one.planless, run) for one in self._reports) & self.wants
         self.paused = _columns(interval_mask(one.paused, run) for one in self._reports) & self.wants
         """Its strategy has paused navigation and keeps the goal."""

@@ -10,7 +10,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from acrc_testbed.explanation.cause_classification import (
-    CAUSES,
     CauseTable,
     blocking_events,
     classify,
@@ -20,7 +19,6 @@ from acrc_testbed.explanation.cause_classification import (
 from acrc_testbed.explanation.episodes import STANDARD, CauseCriteria, interval_mask, true_intervals
 from acrc_testbed.explanation.robot_states import NO_ROBOT
 from acrc_testbed.explanation.time_spent import (
-    Cause,
     ChainRoot,
     DecisionEvent,
     DiagnosisScore,
@@ -181,9 +179,10 @@ def _seconds_by_cause(run: RunData, classified: CauseTable) -> dict[str, dict[st
     """Return seconds by robot and cause, from whole µs; those of a robot sum to the run's duration."""
     spent = {}
     for index, robot in enumerate(run.robots):
-        steps = np.bincount(classified.causes[:, index], minlength=len(CAUSES)).tolist()
+        steps = np.bincount(classified.causes[:, index], minlength=len(classified.names)).tolist()
         spent[robot] = {
-            cause.value: in_seconds(count * run.step_us) for cause, count in zip(CAUSES, steps, strict=True)
+            str(cause): in_seconds(count * run.step_us)
+            for cause, count in zip(classified.names, steps, strict=True)
         }
     return spent
 
@@ -194,7 +193,7 @@ def _chain_roots(run: RunData, classified: CauseTable) -> tuple[ChainRoot, ...]:
     pairs = np.column_stack([classified.root[waits], classified.causes[waits]])
     kinds, counts = np.unique(pairs, axis=0, return_counts=True)
     return tuple(
-        ChainRoot(run.robots[root], CAUSES[cause].value, in_seconds(count * run.step_us))
+        ChainRoot(run.robots[root], str(classified.names[cause]), in_seconds(count * run.step_us))
         for (root, cause), count in zip(kinds.tolist(), counts.tolist(), strict=True)
     )
 
@@ -203,7 +202,8 @@ class CauseInterval(NamedTuple):
     """Interval of one robot with one cause."""
 
     robot: str
-    cause: Cause
+    cause: str
+    """A `Cause`, or one that the task declares."""
     begin: float
     """Simulated s."""
     end: float
@@ -214,13 +214,15 @@ class CauseInterval(NamedTuple):
 
 def cause_intervals(run: RunData) -> list[CauseInterval]:
     """Return the intervals of all causes without gaps, by robot and time. Raises as `determine_causes`."""
-    causes = determine_causes(run).causes.causes
+    classified = determine_causes(run).causes
     found: list[CauseInterval] = []
     for index, robot in enumerate(run.robots):
-        own = causes[:, index]
+        own = classified.causes[:, index]
         edges = [0, *(np.flatnonzero(np.diff(own)) + 1).tolist(), len(own)]
         for begin, end in pairwise(edges):
             x, y = run.true[(begin + end) // 2, index, :2].tolist()
             until = run.end if end == len(own) else float(run.seconds[end])
-            found.append(CauseInterval(robot, CAUSES[own[begin]], float(run.seconds[begin]), until, x, y))
+            found.append(
+                CauseInterval(robot, classified.names[own[begin]], float(run.seconds[begin]), until, x, y)
+            )
     return found

@@ -1,16 +1,17 @@
 """Records of a run's time accounting; docs/concepts.md defines the causes."""
 
-from enum import Enum
+from enum import StrEnum
 from typing import Final
 
 import msgspec
 
 
-class Cause(Enum):
+class Cause(StrEnum):
     """Cause of a robot's step; the first one that applies counts.
 
     A waiting robot has a cause that follows from the root of its chain: BY_DEAD if the root is off or frozen,
-    DONE_IN_WAY if it is idle, else the root's own cause.
+    DONE_IN_WAY if it is idle, else the root's own cause. Causes that the task declares
+    (`TaskDeclaration.causes`) come after FROZEN.
     """
 
     OFF = "off"
@@ -18,11 +19,11 @@ class Cause(Enum):
     FROZEN = "frozen"
     """Its process is stopped and will continue."""
     IDLE = "idle"
-    """It stands and has no places left."""
+    """It stands and has no items left."""
     LOST = "lost"
     """Its localisation error is too large."""
     STRATEGY_IDLE = "strategy idle"
-    """It stands with places left, and its strategy requests no goal."""
+    """It stands with items left, and its strategy requests no goal."""
     ON_PURPOSE = "waits on purpose"
     """Its strategy has paused navigation and keeps the goal."""
     DEADLOCK = "deadlock"
@@ -65,7 +66,7 @@ class BlockingEvent(msgspec.Struct, frozen=True):
     place: str
     """`door` or `open floor`."""
     cause: str
-    """Value of `Cause` with most of their time."""
+    """Cause with most of their time."""
     at_end: bool
     """It lasted to the end of the run."""
 
@@ -102,7 +103,7 @@ class DecisionEvent(msgspec.Struct, frozen=True):
 
     @property
     def adopts(self) -> bool:
-        """True if the robot takes over a place of another one, by the words of `CleaningRobot`."""
+        """True if the robot takes over an item of another one, by its words."""
         return "takes over" in self.words
 
 
@@ -146,7 +147,7 @@ class ChainRoot(msgspec.Struct, frozen=True):
 
     robot: str
     cause: str
-    """Value of `Cause` of the waiting robots."""
+    """Cause of the waiting robots."""
     seconds: float
     """Total waiting time of all robots."""
 
@@ -155,7 +156,7 @@ class TimeSpent(msgspec.Struct, frozen=True):
     """Time accounting of one run by ground truth."""
 
     robots: dict[str, dict[str, float]]
-    """Seconds by robot and cause (all values of `Cause`); those of a robot sum to the run's duration."""
+    """Seconds by robot and cause, also those of the task; those of a robot sum to the run's duration."""
     blockings: tuple[BlockingEvent, ...] = ()
     diagnosis: DiagnosisScore | None = None
     """None: no robot detects blocking."""

@@ -128,15 +128,14 @@ class OrderRecorder:
             verb: str, more: str = "", point: Point | None = None, at: Instant | None = None
         ) -> BehaviourOrder:
             moved = self._points.changes_of(point, step, removed=verb == STOPS, retained=verb == AGAIN)
-            place = None if point is None else (point.x, point.y)
+            position = None if point is None else (point.x, point.y)
             words = f"{verb} {more}" if more else verb
             return BehaviourOrder(
-                step, Instant(view.instant) if at is None else at, words, verb, place, goal, moved
+                step, Instant(view.instant) if at is None else at, words, verb, position, goal, moved
             )
 
-        for place in decision.given_up:
-            named = f"{place.owner}/{place.place}: {place.reason}"
-            yield order(GIVES_UP, named, at=Instant(place.instant))
+        for item in decision.given_up:
+            yield order(GIVES_UP, f"{item.key}: {item.reason}", at=Instant(item.instant))
         yield from self._goal_orders(view, decision, order)
         if decision.paused is not None:
             yield order("pauses" if decision.paused else "resumes")

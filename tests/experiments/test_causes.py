@@ -8,6 +8,7 @@ from dataclasses import replace
 from itertools import product
 from pathlib import Path
 
+import msgspec
 import numpy as np
 import pytest
 from numpy.typing import NDArray
@@ -30,10 +31,12 @@ from acrc_testbed.run_model.floor import FloorObject, FloorState
 from acrc_testbed.run_model.simulated_runs import read_run
 from actors.floor.grid import FREE, OCCUPIED, OccupancyGrid
 from actors.instant import seconds
+from actors.messages import TaskEvent
 from actors.randomness import generator
 from actors.robot.behaviour.decisions import AdaptationDecision
 from actors.robot.navigation.navigation_counts import GoalRecord
 from actors.runtime.recording import RecordingError
+from cleaning.task import Cleaning
 from deploy.run import swarm
 from deploy.run.options import RunOptions
 from tests.experiments import situations
@@ -174,7 +177,7 @@ def tracks(*true: NDArray[np.float64], held: NDArray[np.float64] | None = None) 
     said = together if held is None else held
     return run_data(
         names, STEP, true=together, estimated=said, commanded=together, stepping=always,
-        places_left=always.astype(np.int64),
+        items_left=always.astype(np.int64),
     )  # fmt: skip
 
 
@@ -185,7 +188,7 @@ def reporting(of: RunData, *reports: RobotReport) -> RunData:
 def classified(of: RunData, *said: RobotReport, changes: Sequence[tuple[int, FloorState]] = ()) -> CauseTable:
     """Who wants nothing, and has not been told to be asleep, has nothing left to do."""
     for robot, one in enumerate(said):
-        of.places_left[:, robot] *= one is not IDLE
+        of.items_left[:, robot] *= one is not IDLE
     return classify(reporting(of, *said), floor(*changes))
 
 
@@ -247,6 +250,24 @@ def test_the_first_applicable_cause_counts() -> None:
     assert causes(tracks(driving(2.0, 1.0)), WANTS) == [{Cause.DRIVING}]
     apart = tracks(at(4.6, 1.0), at(5.5, 1.0))
     assert causes(apart, WANTS, WANTS) == [{Cause.NO_PROGRESS}] * 2, "with a wall between them"
+
+
+def test_causes_of_the_task_override_others_but_not_off() -> None:
+    task = msgspec.structs.replace(Cleaning.declaration, causes={"charges": ("#4f5a70", ""), "off": ("", "")})
+    of = tracks(at(2.0, 1.0), at(2.4, 1.0))
+    of.stepping[250:, 0] = False
+    events = TaskEvent("r1", 0, "charges"), TaskEvent("r1", 5, "cleaned"), TaskEvent("r1", 200 * STEP, "")
+    of = replace(
+        of,
+        description=replace(of.description, task=task),
+        task_events=(*events, TaskEvent("r1", 270 * STEP, "charges")),
+    )
+    found = classified(of, WANTS, WANTS)
+    assert found.names == (*CAUSES, "charges")
+    named = [[found.names[one] for one in found.causes[:, robot].tolist()] for robot in (0, 1)]
+    assert [*dict.fromkeys(named[0])] == ["charges", Cause.DEADLOCK, Cause.OFF]
+    assert named[0].count("charges") == 200 and not found.stood[:200, 0].any()
+    assert [*dict.fromkeys(named[1])] == [Cause.OPEN_FLOOR, Cause.DEADLOCK, Cause.NO_PROGRESS]
 
 
 def test_a_blocking_has_instants_robots_place_and_cause() -> None:

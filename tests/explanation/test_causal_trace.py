@@ -30,7 +30,7 @@ def test_changes_lead_from_the_initial_to_the_final_knowledge(trace: CausalTrace
         assert change.step == change.instant // 100_000
         assert (change.read is None) is (change.peer == "") is change.by.startswith("AdaptiveCleaningRobot.")
         for field, one in change.fields.items():
-            assert last.get(field, one.before) == one.before != one.after or one.direction or one.is_place
+            assert last.get(field, one.before) == one.before != one.after or one.direction or one.is_point
             last[field] = one.after
 
 
