@@ -3,6 +3,7 @@
 Strategies that extend it import these names, and those of a shipped strategy that they derive from.
 """
 
+from actors.robot.behaviour import SettingsError, from_settings
 from cleaning.adaptive import AdaptiveCleaningRobot
 from cleaning.adoption import AdoptedDestinationRemove, DestinationAdoption, MakingWay
 from cleaning.cleaner import Cleaner, State
@@ -17,7 +18,6 @@ from cleaning.place import (
     visit_report,
 )
 from cleaning.robot import CleaningRobot
-from cleaning.strategy_settings import SettingsError, from_settings
 
 __all__ = [
     "AdaptationParameters",

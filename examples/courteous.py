@@ -10,13 +10,12 @@ from typing import Self
 
 from numpy.random import Generator
 
-from actors.robot.behaviour import Behaviour, FloorPlan, Navigation, Start, TaskMonitor, host
+from actors.robot.behaviour import Behaviour, FloorPlan, Navigation, Start, TaskMonitor, from_settings, host
 from cleaning.adaptive import AdaptiveCleaningRobot
 from cleaning.adoption import AdoptedDestinationRemove
 from cleaning.cleaner import Cleaner
 from cleaning.parameters import AdaptationParameters
 from cleaning.place import Assignment
-from cleaning.strategy_settings import from_settings
 from deeco import START, Duration, Instant, adaptation, component, ensemble, periodic, replace, role, seconds
 
 

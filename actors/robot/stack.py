@@ -43,7 +43,7 @@ class Adaptation(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """Settings of the strategy, exchange of knowledge, and areas."""
 
     settings: dict[str, Setting] = {}
-    """Settings of the strategy by name, checked by the strategy (`cleaning.strategy_settings`)."""
+    """Settings of the strategy by name, checked by the strategy (`actors.robot.behaviour.from_settings`)."""
     exchange: ExchangeSettings = ExchangeSettings()
     areas: tuple[Area, ...] = ()
     """Areas that contain places; empty: no restriction."""

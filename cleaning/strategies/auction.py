@@ -10,11 +10,10 @@ from dataclasses import dataclass
 from typing import Annotated, Self
 
 from actors.items import ItemKey
-from actors.robot.behaviour import Behaviour, FloorPlan, Start, TaskMonitor, host
+from actors.robot.behaviour import Behaviour, FloorPlan, Start, TaskMonitor, from_settings, host
 from cleaning.cleaner import Cleaner
 from cleaning.place import Assignment
 from cleaning.strategies.tour import PathCosts
-from cleaning.strategy_settings import from_settings
 from cleaning.yielding import SteppingAside, Yielding, YieldingParameters, YieldingRobot
 from deeco import Instant, Resolution, adaptation, component, ensemble, periodic, replace, role, seconds
 

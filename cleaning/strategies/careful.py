@@ -9,13 +9,20 @@ drives on after a timeout. Settings: `CarefulParameters`.
 from dataclasses import dataclass, field
 from typing import Self
 
-from actors.robot.behaviour import MAX_BACK_OUT, Behaviour, Navigation, Positioning, Start, host
+from actors.robot.behaviour import (
+    MAX_BACK_OUT,
+    Behaviour,
+    Navigation,
+    Positioning,
+    Start,
+    from_settings,
+    host,
+)
 from actors.settings import check_range
 from cleaning.adaptive import AdaptiveCleaningRobot
 from cleaning.adoption import exchanges
 from cleaning.cleaner import State
 from cleaning.parameters import AdaptationParameters
-from cleaning.strategy_settings import from_settings
 from deeco import Duration, Instant, adaptation, component, periodic, replace, seconds
 
 

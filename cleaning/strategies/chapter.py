@@ -11,11 +11,10 @@ from dataclasses import dataclass, replace
 from typing import Final
 
 from actors.instant import Instant
-from actors.robot.behaviour import Behaviour, Decision, Start, View, host
+from actors.robot.behaviour import Behaviour, Decision, Start, View, from_settings, host
 from cleaning.adaptive import AdaptiveCleaningRobot
 from cleaning.adoption import MakingWay, PeerMask, exchanges
 from cleaning.parameters import AdaptationParameters, ReleasedParameters
-from cleaning.strategy_settings import from_settings
 
 _SENSOR_RANGE: Final = 6.5
 """Range of the original's sensor, m (d3scomp/ROSRemote, simulation/turtlebot.inc)."""

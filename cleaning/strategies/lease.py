@@ -8,11 +8,10 @@ one backs out when they meet; no effect on open floor. Settings: `LeasingParamet
 from dataclasses import dataclass, field
 from typing import NamedTuple, Self
 
-from actors.robot.behaviour import Behaviour, FloorPlan, Navigation, Start, host
+from actors.robot.behaviour import Behaviour, FloorPlan, Navigation, Start, from_settings, host
 from cleaning.adoption import exchanges
 from cleaning.cleaner import Cleaner, State
 from cleaning.place import Assignment
-from cleaning.strategy_settings import from_settings
 from cleaning.yielding import SteppingAside, Yielding, YieldingParameters, YieldingRobot
 from deeco import (
     Duration,

@@ -8,10 +8,9 @@ never, `none-giving-up` up to ten times.
 
 from dataclasses import dataclass
 
-from actors.robot.behaviour import Behaviour, Start, host
+from actors.robot.behaviour import Behaviour, Start, from_settings, host
 from cleaning.parameters import CleaningParameters
 from cleaning.robot import CleaningRobot
-from cleaning.strategy_settings import from_settings
 
 
 @dataclass(frozen=True)

@@ -10,11 +10,10 @@ processes share no memory, and with two robots or more; otherwise raises an erro
 from dataclasses import dataclass, field
 from typing import Self
 
-from actors.robot.behaviour import Behaviour, FloorPlan, Start, host
+from actors.robot.behaviour import Behaviour, FloorPlan, Start, from_settings, host
 from actors.runtime.errors import AcrcError
 from cleaning.strategies.auction import Auction, BiddingParameters, BiddingRobot, HigherBid
 from cleaning.strategies.chapter import SilentBehaviour
-from cleaning.strategy_settings import from_settings
 from cleaning.yielding import SteppingAside, Yielding
 from deeco import Instant, adaptation, component, periodic, replace, seconds
 

@@ -9,10 +9,9 @@ from typing import Self
 
 from numpy.random import Generator
 
-from actors.robot.behaviour import Behaviour, GoalStatus, Navigation, Start, host
+from actors.robot.behaviour import Behaviour, GoalStatus, Navigation, Start, from_settings, host
 from cleaning.parameters import CleaningParameters
 from cleaning.robot import CleaningRobot
-from cleaning.strategy_settings import from_settings
 from deeco import component, periodic, replace, seconds
 
 

@@ -10,14 +10,13 @@ the accepting robot holds both places. Settings: `SwapParameters`.
 from dataclasses import dataclass, field
 from typing import NamedTuple, Self
 
-from actors.robot.behaviour import Behaviour, FloorPlan, Start, host
+from actors.robot.behaviour import Behaviour, FloorPlan, Start, from_settings, host
 from cleaning.adaptive import AdaptiveCleaningRobot
 from cleaning.adoption import AdoptedDestinationRemove
 from cleaning.cleaner import Cleaner
 from cleaning.parameters import AdaptationParameters
 from cleaning.place import Assignment
 from cleaning.strategies.tour import PathCosts
-from cleaning.strategy_settings import from_settings
 from deeco import Duration, Instant, component, ensemble, replace, role, seconds
 
 

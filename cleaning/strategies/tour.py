@@ -10,12 +10,11 @@ from dataclasses import dataclass
 from typing import Final, Self
 
 from actors.geometry import Point
-from actors.robot.behaviour import Behaviour, FloorPlan, Start, host
+from actors.robot.behaviour import Behaviour, FloorPlan, Start, from_settings, host
 from cleaning.adaptive import AdaptiveCleaningRobot
 from cleaning.adoption import exchanges
 from cleaning.parameters import AdaptationParameters
 from cleaning.place import Assignment
-from cleaning.strategy_settings import from_settings
 from deeco import adaptation, component, periodic, replace, seconds
 
 FAR: Final = 1000.0

@@ -13,7 +13,7 @@ from hypothesis import strategies as some
 from acrc_testbed.testing import VirtualSwarm
 from actors.geometry import Point
 from actors.instant import Duration, Instant, milliseconds, seconds
-from actors.robot.behaviour import Setting, host
+from actors.robot.behaviour import Setting, SettingsError, from_settings, host
 from actors.robot.behaviour.decisions import AdaptationDecision, DecisionLog
 from actors.robot.behaviour.loading import load_behaviour
 from actors.runtime.errors import AcrcError
@@ -23,7 +23,6 @@ from cleaning.parameters import AdaptationParameters, CleaningParameters, Releas
 from cleaning.place import RESTART_TERM, Assignment, assignments
 from cleaning.robot import CleaningRobot
 from cleaning.strategies import STRATEGIES, StrategyError, entry
-from cleaning.strategy_settings import SettingsError, from_settings
 from deeco import component
 from deeco.local import Commit
 from tests.cleaning.fakes import OPEN

@@ -20,7 +20,7 @@ import os
 from dataclasses import dataclass
 from actors.instant import Duration, Instant, seconds
 from actors.robot.behaviour.ports import Behaviour, Decision, Start, View
-from cleaning.strategy_settings import from_settings
+from actors.robot.behaviour import from_settings
 from deeco import DeploymentError
 
 print("this must not come between a program and its JSON")

@@ -8,10 +8,10 @@ import pytest
 from msgspec.structs import asdict
 
 from actors.installation.repository import REPOSITORY
+from actors.robot.behaviour import from_settings
 from actors.settings import Settings
 from cleaning.parameters import AdaptationParameters
 from cleaning.place import GOLDEN
-from cleaning.strategy_settings import from_settings
 from deploy.scenario.events import place_areas
 from deploy.scenario.resolve import resolve
 from deploy.scenario.scenario_file import load_scenario

@@ -18,7 +18,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from actors.instant import Duration, Instant, seconds
 from actors.robot.behaviour import Behaviour, Decision, GoalOrder, Start, View
-from cleaning.strategy_settings import from_settings
+from actors.robot.behaviour import from_settings
 
 @dataclass(frozen=True)
 class Parameters:

@@ -26,6 +26,7 @@ from actors.robot.behaviour.ports import (
     TaskMonitor,
     View,
 )
+from actors.robot.behaviour.strategy_settings import SettingsError, from_settings
 
 __all__ = [
     "MAX_BACK_OUT",
@@ -44,9 +45,11 @@ __all__ = [
     "Plan",
     "Positioning",
     "Setting",
+    "SettingsError",
     "Start",
     "TaskList",
     "TaskMonitor",
     "View",
+    "from_settings",
     "host",
 ]

@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from dataclasses import MISSING, fields
 from typing import TYPE_CHECKING, Final, TypeVar
 
-from actors.robot.behaviour import Setting
+from actors.robot.behaviour.ports import Setting
 from actors.runtime.errors import AcrcError
 from actors.settings import ParameterError, decode, fields_of
 from actors.wording import toml_text
