@@ -1,8 +1,8 @@
-"""Picture of a floor with trails, places, obstacles and blocked robots."""
+"""Picture of a floor with trails, items of the task, obstacles and blocked robots."""
 
 import math
-from collections.abc import Collection, Sequence
-from typing import Final, NamedTuple
+from collections.abc import Collection, Iterable, Sequence
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 from matplotlib.artist import Artist
@@ -19,9 +19,11 @@ from acrc_testbed.run_model.data import RunData
 from acrc_testbed.run_model.floor import floor_intervals
 from actors.floor.doors import Doorways, Regions
 from actors.floor.grid import FREE, OCCUPIED, UNKNOWN, OccupancyGrid
+from actors.items import ItemKey
+from actors.messages import ItemMark
 from actors.observer import glyphs
-from actors.observer.glyphs import MARKS, hexadecimal
-from cleaning.referee import PlaceOutcome, PlaceVerdict
+from actors.observer.glyphs import MARKS, Mark, hexadecimal
+from actors.task.task import TaskDeclaration
 
 DOOR: Final = hexadecimal(glyphs.DOOR)
 SHUT: Final = "#d9c7d9"
@@ -69,8 +71,7 @@ def draw_doors(axes: Axes, run: RunData) -> bool:
 class DrawnRun(NamedTuple):
     """Marks drawn for a run, and labels to place."""
 
-    kinds: frozenset[str]
-    """Names of the marks."""
+    marks: frozenset[Mark]
     labels: tuple[PointLabel, ...]
     """Labels, the most important first."""
     taken: tuple[tuple[float, float], ...]
@@ -78,15 +79,16 @@ class DrawnRun(NamedTuple):
 
 
 def draw_run(axes: Axes, run: RunData, intervals: Sequence[CauseInterval]) -> DrawnRun:
-    """Draw trails, final positions, places, obstacles and positions of blocked robots."""
+    """Draw trails, final positions, items, obstacles and positions of blocked robots."""
     few = glyphs.is_small_swarm(run.robots)
     objects = floor_intervals(run.floor, run.end)
     labels = [_robot_label(run, index, robot, few=few) for index, robot in enumerate(run.robots)]
     kinds = {"start"} | ({"door"} if draw_doors(axes, run) else set())
+    items = shown_items(run)
     for index, _ in enumerate(run.robots):
         kinds |= _draw_trail(axes, run, index, few=few)
-    for place in run.outcomes:
-        kinds.add(_draw_place(axes, place, run, few=few))
+    for item in items:
+        axes.plot(item.mark.x, item.mark.y, ls="", zorder=5, **item_style(run, item, few=few))
     for path in run.people[..., :2].transpose(1, 0, 2):
         _draw_person(axes, path)
         kinds.add("person")
@@ -94,19 +96,58 @@ def draw_run(axes: Axes, run: RunData, intervals: Sequence[CauseInterval]) -> Dr
     kinds |= {one.object.kind for one in objects}
     for interval in intervals:
         if interval.cause in _STOPPED:
-            kinds.add(interval.cause.value)
+            kinds.add(interval.cause)
             _draw_stopped(axes, interval, run)
     blocked = blocked_positions(intervals)
     labels += [_draw_blocked(axes, *one) for one in blocked]
     kinds |= {"stood"} if blocked else set()
     ends = [(x, y) for x, y in run.true[-1, :, :2].tolist()]
-    taken = (*ends, *((x, y) for x, y, _ in blocked), *((one.x, one.y) for one in run.outcomes))
-    return DrawnRun(frozenset(kinds), tuple(labels), taken)
+    taken = (*ends, *((x, y) for x, y, _ in blocked), *((one.mark.x, one.mark.y) for one in items))
+    shown = {*(MARKS[kind] for kind in kinds), *(one.symbol for one in items)}
+    return DrawnRun(frozenset(shown), tuple(labels), taken)
 
 
-def legend(kinds: Collection[str]) -> list[Artist]:
-    """Return legend entries for these marks."""
-    return [marks.legend_entry(name) for name in MARKS if name in kinds]
+def legend(shown: Collection[Mark], tasks: Iterable[TaskDeclaration]) -> list[Artist]:
+    """Return legend entries for these marks: those of the tasks' items, then others."""
+    items = dict.fromkeys(mark for task in tasks for mark in glyphs.item_marks(task).values())
+    return [marks.legend_entry(mark) for mark in (*items, *MARKS.values()) if mark in shown]
+
+
+class ShownItem(NamedTuple):
+    """An item on the floor."""
+
+    mark: ItemMark
+    symbol: Mark
+    is_filled: bool
+    """True: with the colour of the robot that is responsible."""
+
+
+def show_item(task: TaskDeclaration, items: dict[ItemKey, ShownItem], mark: ItemMark) -> None:
+    """Apply a new mark to the items shown; a disc keeps the symbol that the item had first."""
+    symbol = glyphs.item_marks(task).get(mark.state)
+    if symbol is None:
+        items.pop(mark.key, None)
+        return
+    before, is_filled = items.get(mark.key), symbol.shape == "disc"
+    if is_filled and before is not None and before.symbol.shape != "ring":
+        symbol = before.symbol
+    items[mark.key] = ShownItem(mark, symbol, is_filled)
+
+
+def shown_items(run: RunData) -> list[ShownItem]:
+    """Return the items on the floor at the end."""
+    items: dict[ItemKey, ShownItem] = {}
+    for _, mark in run.marks:
+        show_item(run.description.task, items, mark)
+    return [*items.values()]
+
+
+def item_style(run: RunData, item: ShownItem, *, few: bool) -> dict[str, Any]:
+    """Return the properties of a line that draws an item."""
+    size = (4.6 if few else 2.6) + (item.symbol.shape == "cross")
+    fill = style.robot_colour(run.robots, item.mark.by) if item.is_filled else ""
+    colour = style.robot_colour(run.robots, item.mark.owner, item.mark.by)
+    return marks.line_style(item.symbol, colour, size, fill)
 
 
 def _draw_trail(axes: Axes, run: RunData, index: int, *, few: bool) -> set[str]:
@@ -118,7 +159,7 @@ def _draw_trail(axes: Axes, run: RunData, index: int, *, few: bool) -> set[str]:
         axes.plot(*track[jump - 1 : jump + 1].T, color=colour, lw=0.9, ls=":", zorder=2)
     track[jumps] = np.nan
     axes.plot(*track.T, color=colour, lw=0.9 if few else 0.5, alpha=0.75 if few else 0.5, zorder=2)
-    marks.plot(axes, "start", float(start[0]), float(start[1]), colour, size=4.0, zorder=4)
+    marks.plot(axes, MARKS["start"], float(start[0]), float(start[1]), colour, size=4.0, zorder=4)
     axes.add_patch(Circle((float(end[0]), float(end[1])), glyphs.RADIUS, color=colour, zorder=6))
     return {"carried"} if jumps.size else set()
 
@@ -145,29 +186,13 @@ def _robot_label(run: RunData, index: int, robot: str, *, few: bool) -> PointLab
 def _draw_stopped(axes: Axes, interval: CauseInterval, run: RunData) -> None:
     """Mark the position of a robot that was off or frozen."""
     colour = style.colour(run.robots.index(interval.robot))
-    marks.plot(axes, interval.cause.value, interval.x, interval.y, colour, size=9.0, zorder=7)
-
-
-def _draw_place(axes: Axes, place: PlaceOutcome, run: RunData, *, few: bool) -> str:
-    """Draw a place, and return the name of its mark."""
-    robots = run.robots
-    owner = style.colour(robots.index(place.owner)) if place.owner in robots else style.INK
-    size = 4.6 if few else 2.6
-    if place.verdict in (PlaceVerdict.GIVEN_UP, PlaceVerdict.MISTAKEN):
-        marks.plot(axes, "given up", place.x, place.y, owner, size=size + 1, zorder=5)
-        return "given up"
-    reporter = place.reported_by
-    fill = "w" if reporter is None or reporter not in robots else style.colour(robots.index(reporter))
-    initial = len(run.description.own_places.get(place.owner, ()))
-    shape = "given" if place.place >= initial else "open"
-    marks.plot(axes, shape, place.x, place.y, owner, size=size, fill=fill, zorder=5)
-    return shape if reporter is None or shape == "given" else "done"
+    marks.plot(axes, MARKS[interval.cause], interval.x, interval.y, colour, size=9.0, zorder=7)
 
 
 def _draw_blocked(axes: Axes, x: float, y: float, duration: float) -> PointLabel:
     """Draw a disc where robots were blocked, larger for a longer time; return its label."""
     size = 9 + 0.6 * min(duration, 900.0) ** 0.5
-    marks.plot(axes, "stood", x, y, "", size=size, zorder=7)
+    marks.plot(axes, MARKS["stood"], x, y, "", size=size, zorder=7)
     return PointLabel(f"{duration:.0f} s", x, y, _BLOCKED_COLOUR, size / 2, 7.0)
 
 
@@ -177,8 +202,8 @@ def blocked_positions(intervals: Sequence[CauseInterval]) -> list[tuple[float, f
     for one in sorted(
         (one for one in intervals if one.cause in BY_ROBOTS), key=lambda one: one.begin - one.end
     ):
-        same_place = (c for c in clusters if math.hypot(c[0].x - one.x, c[0].y - one.y) < _SAME_POSITION)
-        cluster = next(same_place, None)
+        near = (c for c in clusters if math.hypot(c[0].x - one.x, c[0].y - one.y) < _SAME_POSITION)
+        cluster = next(near, None)
         if cluster is None:
             clusters.append([one])
         else:

@@ -123,7 +123,7 @@ def colour_of(mark: Mark, robot_colour: str = style.INK) -> str:
 
 def plot(
     axes: Axes,
-    name: str,
+    mark: Mark,
     x: float,
     y: float,
     robot_colour: str,
@@ -133,12 +133,11 @@ def plot(
     zorder: float = 5.0,
 ) -> None:
     """Draw a mark at a point; `robot_colour`: the robot's colour; `fill`: overrides the fill of the shape."""
-    axes.plot(x, y, ls="", zorder=zorder, **_line_style(MARKS[name], robot_colour, size, fill))
+    axes.plot(x, y, ls="", zorder=zorder, **line_style(mark, robot_colour, size, fill))
 
 
-def legend_entry(name: str) -> Artist:
+def legend_entry(mark: Mark) -> Artist:
     """Return the legend entry of a mark."""
-    mark = MARKS[name]
     colour = colour_of(mark)
     match mark.shape:
         case "tint":
@@ -150,12 +149,13 @@ def legend_entry(name: str) -> Artist:
         case "dotted line":
             return Line2D([], [], color=colour, lw=1.2, ls=":", label=mark.meaning)
     size = {"soft ring": 11.0, "square": 4.0, "tick": 9.0, "heavy cross": 9.0, "snowflake": 9.0}
-    fill = "#9a9fa8" if name == "done" else ""
-    line_style = _line_style(mark, style.INK, size.get(mark.shape, 6.0), fill)
-    return Line2D([], [], ls="", label=mark.meaning, **line_style)
+    fill = "#9a9fa8" if mark.shape == "disc" and mark.colour is None else ""
+    look = line_style(mark, style.INK, size.get(mark.shape, 6.0), fill)
+    return Line2D([], [], ls="", label=mark.meaning, **look)
 
 
-def _line_style(mark: Mark, robot_colour: str, size: float, fill: str) -> dict[str, Any]:
+def line_style(mark: Mark, robot_colour: str, size: float, fill: str) -> dict[str, Any]:
+    """Return the properties of a line that draws a mark; arguments as of `plot`."""
     colour = colour_of(mark, robot_colour)
     middle = fill or ("w" if mark.shape in _UNFILLED else colour)
     if mark.shape in ("soft ring", "filled ring"):
@@ -182,8 +182,8 @@ def draw_object(axes: Axes, item: FloorObject) -> Line2D | Patch:
     colour = colour_of(MARKS[item.kind])
     if item.is_round:
         dashed = MARKS[item.kind].shape == "dashed ring"
-        line_style = {"fill": False, "ls": "--", "lw": 1.2} if dashed else {"alpha": 0.85}
-        circle = Circle(item.points[0], item.radius, color=colour, zorder=_ZORDER, **line_style)
+        look = {"fill": False, "ls": "--", "lw": 1.2} if dashed else {"alpha": 0.85}
+        circle = Circle(item.points[0], item.radius, color=colour, zorder=_ZORDER, **look)
         axes.add_patch(circle)
         return circle
     (line,) = axes.plot(*zip(*item.points, strict=True), color=colour, lw=3.0, zorder=_ZORDER)

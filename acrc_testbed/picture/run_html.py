@@ -15,14 +15,10 @@ from acrc_testbed.results import summary
 from acrc_testbed.run_model.data import RunData, ordered_changes
 from actors.instant import in_seconds
 from actors.runtime import regular_file
-from cleaning.referee import PlaceOutcome
+from actors.task.task import Value
 
 _FEW_ROWS: Final = 25
 """Number of rows from which tables are collapsed."""
-_ALT: Final = (
-    "Floor plan with robots' trails, places and positions of blocked robots; below, each robot's activity, "
-    "radio frames per second, and places cleaned over time. The tables contain the same data."
-)
 _CAPTION: Final = "From the recordings; legend below the floor."
 
 
@@ -40,15 +36,20 @@ def html(run: RunData, drawn: bytes) -> str:
 
 def sections(run: RunData, drawn: bytes) -> list[PageSection]:
     """Return the sections about a run that have any content."""
-    intervals = cause_intervals(run)
+    intervals, task = cause_intervals(run), run.description.task
+    alt = (
+        f"Floor plan with robots' trails, {task.items} and positions of blocked robots; below, each robot's "
+        f"activity, radio frames per second, and {task.items} {task.done} over time. The tables contain the "
+        "same data."
+    )
     candidates = [
         PageSection("Result", list(_result_sentences(run))),
-        PageSection("Overview", picture=PagePicture(drawn, _ALT, _CAPTION)),
+        PageSection("Overview", picture=PagePicture(drawn, alt, _CAPTION)),
         PageSection("Time of each robot", tables=[_time_table(run, intervals)]),
         PageSection("Blocked robots", tables=[_blocked_table(intervals)]),
         PageSection("Events and orders", tables=[_event_table(run, intervals)]),
         PageSection("Decisions", tables=[_decision_table(run)]),
-        PageSection("Places", tables=[_place_table(run.outcomes)]),
+        PageSection(task.items.capitalize(), tables=[_item_table(run)]),
         PageSection("Radio", tables=[_radio_table(run)]),
         PageSection("Reproduction", list(_reproduction_sentences(run))),
     ]
@@ -64,24 +65,25 @@ def _result_sentences(run: RunData) -> Iterator[str]:
 
 
 def _time_table(run: RunData, intervals: Sequence[CauseInterval]) -> PageTable:
-    """Return seconds by cause, and numbers of places, per robot."""
-    durations: defaultdict[tuple[str, Cause], float] = defaultdict(float)
+    """Return seconds by cause, and numbers of events, per robot."""
+    task = run.description.task
+    events = {kind: [one.robot for one in run.task_events if one.kind == kind] for kind in task.events}
+    events |= {"taken over": [one.robot for one in run.taken_over]}
+    events |= {"given up": [one.robot for one in run.given_up]}
+    durations: defaultdict[tuple[str, str], float] = defaultdict(float)
     for one in intervals:
         durations[one.robot, one.cause] += one.end - one.begin
-    kinds = [kind for kind in Cause if any(durations[robot, kind] for robot in run.robots)]
+    kinds = [kind for kind in (*Cause, *task.causes) if any(durations[robot, kind] for robot in run.robots)]
     rows = [
         [
             robot,
             *(f"{durations[robot, kind]:.1f}" for kind in kinds),
-            *(
-                str(sum(event.robot == robot for event in events))
-                for events in (run.reported, run.taken_over, run.given_up)
-            ),
+            *(str(robots.count(robot)) for robots in events.values()),
         ]
         for robot in run.robots
     ]
-    columns = ["robot", *(f"{kind.value}, s" for kind in kinds), "cleaned", "taken over", "given up"]
-    return _table("Seconds by cause, and numbers of places, per robot.", columns, rows, 1)
+    columns = ["robot", *(f"{kind}, s" for kind in kinds), *events]
+    return _table(f"Seconds by cause, and numbers of {task.items}, per robot.", columns, rows, 1)
 
 
 def _blocked_table(intervals: Sequence[CauseInterval]) -> PageTable:
@@ -97,7 +99,7 @@ def _event_table(run: RunData, intervals: Sequence[CauseInterval]) -> PageTable:
     """Return the orders, and the intervals of frozen and stopped robots."""
     stopped = [one for one in intervals if one.cause in (Cause.FROZEN, Cause.OFF)]
     events = [(one.second, one.robot, one.words) for one in ordered_changes(run)]
-    events += [(one.begin, one.robot, f"is {one.cause.value} until {one.end:g} s") for one in stopped]
+    events += [(one.begin, one.robot, f"is {one.cause} until {one.end:g} s") for one in stopped]
     rows = [[f"{second:.1f}", robot, words] for second, robot, words in sorted(events)]
     return _table("Events and orders.", ["time, s", "robot", "event"], rows, -1, numbers=(0,))
 
@@ -114,19 +116,17 @@ def _decision_table(run: RunData) -> PageTable:
     return _table(caption, columns, rows, -1, numbers=(0, 5))
 
 
-def _place_table(places: Sequence[PlaceOutcome]) -> PageTable:
-    def second(instant: int | None) -> str:
-        return "" if instant is None else f"{instant / 1e6:.1f}"
+def _item_table(run: RunData) -> PageTable:
+    """Return the final state of all items, by the columns that the task declares."""
+    task = run.description.task
+    rows = [[_cell(row.get(column.name)) for column in task.columns] for row in run.items]
+    columns = [column.name.replace("_", " ") for column in task.columns]
+    numbers = [index for index, column in enumerate(task.columns) if column.type in ("integer", "number")]
+    return _table(f"All {task.items}.", columns, rows, -1, numbers=numbers)
 
-    rows = [
-        [
-            f"{one.owner}/{one.place}", f"{one.x:.2f}", f"{one.y:.2f}", one.verdict.value.replace("_", " "),
-            one.reported_by or "", second(one.reported_at), second(one.reached_at),
-        ]
-        for one in places
-    ]  # fmt: skip
-    columns = ["place", "x, m", "y, m", "outcome", "reported by", "reported, s", "reached, s"]
-    return _table("All places.", columns, rows, -1, numbers=(1, 2, 5, 6))
+
+def _cell(value: Value) -> str:
+    return "" if value is None else f"{value:.2f}" if isinstance(value, float) else str(value)
 
 
 def _radio_table(run: RunData) -> PageTable:
@@ -153,5 +153,5 @@ def _table(
     numbers: Sequence[int] = (),
 ) -> PageTable:
     """Return a table; numeric columns are those from `first` on, or `numbers` if `first` is negative."""
-    numeric = [place >= first if first >= 0 else place in numbers for place in range(len(columns))]
+    numeric = [index >= first if first >= 0 else index in numbers for index in range(len(columns))]
     return PageTable(caption, columns, rows, numeric, folded=len(rows) > _FEW_ROWS)

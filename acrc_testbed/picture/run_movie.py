@@ -1,10 +1,11 @@
-"""Movie of a run: floor, moving robots with recent trails, places and time."""
+"""Movie of a run: floor, moving robots with recent trails, items and time."""
 
 import contextlib
 import itertools
 import shutil
 import subprocess
 import tempfile
+from collections import deque
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -21,7 +22,8 @@ from matplotlib.text import Text
 from numpy.typing import NDArray
 from PIL import Image
 
-from acrc_testbed.picture import floor_picture, marks, style
+from acrc_testbed.picture import floor_picture, marks, run_page, style
+from acrc_testbed.picture.floor_picture import ShownItem
 from acrc_testbed.run_model.data import RunData
 from acrc_testbed.run_model.floor import floor_intervals
 from acrc_testbed.run_model.robot_introspection import Floats
@@ -29,9 +31,9 @@ from actors.installation.usage import output_file
 from actors.instant import in_seconds
 from actors.items import ItemKey
 from actors.observer import glyphs
+from actors.observer.glyphs import MARKS
 from actors.runtime import regular_file
-from actors.runtime.errors import AcrcError
-from cleaning.referee import PlaceOutcome
+from actors.runtime.errors import AcrcError, printable
 
 _FRAMES_PER_S: Final = 10
 """Frame rate of the movie; robots move at 0.3 m/s."""
@@ -130,16 +132,13 @@ class _Scene:
         floor_picture.draw_floor(axes, run.grid)
         doors = floor_picture.draw_doors(axes, run)
         self._few = few = glyphs.is_small_swarm(run.robots)
-        self._added_at = {
-            ItemKey(one.owner, one.place): one.given_at / 1e6 for one in run.outcomes if one.given_at
-        }
-        """Times of places that were added during the run, s."""
-        self._places = {
-            (key := ItemKey(one.owner, one.place)): _draw_place(
-                axes, run, one, few=few, given=key in self._added_at
-            )
-            for one in run.outcomes
-        }
+        self._items: dict[ItemKey, ShownItem] = {}
+        self._lines: dict[ItemKey, Line2D] = {}
+        for _, mark in run.marks:
+            if mark.key not in self._lines:
+                (self._lines[mark.key],) = axes.plot([mark.x], [mark.y], ls="", zorder=3, visible=False)
+        self._done = deque(run_page.done_events(run))
+        self._left = deque(run.marks)
         self._objects = [
             (one, marks.draw_object(axes, one.object)) for one in floor_intervals(run.floor, run.end)
         ]
@@ -147,29 +146,26 @@ class _Scene:
         for disc in self._people:
             axes.add_patch(disc)
         self._robots = [_draw_robot(axes, index, few=few) for index, _ in enumerate(run.robots)]
-        kinds = {"open", "done", *(one.object.kind for one, _ in self._objects)}
-        optional = (
-            ("door", doors),
-            ("person", bool(self._people)),
-            ("given", bool(self._added_at)),
-            ("given up", bool(run.given_up)),
-        )
-        kinds |= {kind for kind, present in optional if present}
+        kinds = {one.object.kind for one, _ in self._objects}
+        kinds |= {"door"} if doors else set()
+        kinds |= {"person"} if self._people else set()
+        states = glyphs.item_marks(run.description.task)
+        shown = {states[state] for _, mark in run.marks if (state := mark.state) in states}
         self._figure.legend(
-            handles=floor_picture.legend(kinds),
+            handles=floor_picture.legend(shown | {MARKS[kind] for kind in kinds}, [run.description.task]),
             loc="outside lower center",
             ncols=3,
             fontsize=7,
             frameon=False,
         )
         self._title = axes.set_title("0 s", loc="left", fontweight="bold", fontsize=10)
-        self._done: set[ItemKey] = set()
-        self._next_report = self._next_given_up = 0
+        self._count = 0
+        self._words = f"{printable(run.description.task.items)} {printable(run.description.task.done)}"
         moving = [artist for robot in self._robots for artist in robot.artists]
         objects = [artist for _, artist in self._objects]
         self._changing: list[Artist] = [
             *objects,
-            *self._places.values(),
+            *self._lines.values(),
             *self._people,
             *moving,
             self._title,
@@ -201,19 +197,17 @@ class _Scene:
     def _show(self, step: int) -> None:
         """Update the artists for a step; steps must not decrease."""
         run, now = self._run, float(self._run.seconds[step])
-        while self._next_report < len(run.reported) and run.reported[self._next_report].second <= now:
-            event = run.reported[self._next_report]
-            self._next_report += 1
-            self._done.add(event.place)
-            if event.place in self._places and event.robot in run.robots:
-                self._places[event.place].set_markerfacecolor(style.colour(run.robots.index(event.robot)))
-        while self._next_given_up < len(run.given_up) and run.given_up[self._next_given_up].second <= now:
-            place = self._places.get(run.given_up[self._next_given_up].place)
-            if place is not None:
-                place.set_marker("x")
-            self._next_given_up += 1
-        for key, place in self._places.items():
-            place.set_visible(self._added_at.get(key, 0.0) <= now)
+        while self._done and self._done[0].instant <= 1e6 * now:
+            self._done.popleft()
+            self._count += 1
+        while self._left and self._left[0][0] <= now:
+            _, mark = self._left.popleft()
+            floor_picture.show_item(run.description.task, self._items, mark)
+            line, item = self._lines[mark.key], self._items.get(mark.key)
+            line.set_visible(item is not None)
+            if item is not None:
+                line.set_data([mark.x], [mark.y])
+                line.set(**floor_picture.item_style(run, item, few=self._few))
         for interval, artist in self._objects:
             artist.set_visible(interval.begin <= now < interval.end)
         for disc, (x, y) in zip(self._people, run.people[step, :, :2].tolist(), strict=True):
@@ -223,20 +217,13 @@ class _Scene:
             state = "off" if not run.powered[step, index] else "" if run.stepping[step, index] else "frozen"
             robot.name.set_text(f"{run.robots[index]} {state}" if state or self._few else "")
             _move(robot, run.true[first : step + 1, index], alive=not state)
-        self._title.set_text(f"{now:.0f} s   {len(self._done)} of {len(run.outcomes)} places cleaned")
+        self._title.set_text(f"{now:.0f} s   {self._count}{style.of_total(run)} {self._words}")
 
 
 def _size(run: RunData) -> tuple[float, float]:
     """Return the size of the picture, inches: width of a page, height by the floor."""
     width, height = run.grid.corner.x - run.grid.origin.x, run.grid.corner.y - run.grid.origin.y
     return 10.0, min(max(10.0 * height / width + 1.4, 3.6), 10.6)
-
-
-def _draw_place(axes: Axes, run: RunData, place: PlaceOutcome, *, few: bool, given: bool) -> Line2D:
-    edge = style.colour(run.robots.index(place.owner)) if place.owner in run.robots else style.INK
-    size = 4.6 if few else 2.6
-    marks.plot(axes, "given" if given else "open", place.x, place.y, edge, size=size, zorder=3)
-    return axes.lines[-1]
 
 
 def _draw_robot(axes: Axes, index: int, *, few: bool) -> _DrawnRobot:

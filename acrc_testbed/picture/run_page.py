@@ -1,7 +1,7 @@
 """One-page picture of a run, or of several side by side: floor, lanes of robots, radio, progress."""
 
 from collections import defaultdict
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final
 
@@ -18,9 +18,22 @@ from acrc_testbed.explanation.time_accounting import CauseInterval, cause_interv
 from acrc_testbed.explanation.time_spent import Cause
 from acrc_testbed.picture import floor_picture, marks, style
 from acrc_testbed.picture.floor_picture import DrawnRun
-from acrc_testbed.run_model.data import PlaceEvent, RunData, ordered_changes
+from acrc_testbed.run_model.data import RunData, ordered_changes
+from actors.instant import in_seconds
+from actors.items import ItemKey
+from actors.messages import TaskEvent
 from actors.observer import glyphs
-from actors.observer.glyphs import CAUSE_GLYPHS, MARKS, PUT, WHITE, StateGlyph, contrast, hexadecimal
+from actors.observer.glyphs import (
+    ADOPTION,
+    PUT,
+    WHITE,
+    StateGlyph,
+    cause_glyphs,
+    contrast,
+    event_marks,
+    hexadecimal,
+)
+from actors.runtime.errors import printable
 
 _HALF: Final = 0.38
 """Half the height of a lane; lanes are one unit apart."""
@@ -31,17 +44,15 @@ _ORDERED: Final = "event or order"
 def draw_lanes(axes: Axes, run: RunData, intervals: Sequence[CauseInterval], *, legend: bool) -> None:
     """Draw one lane per robot.
 
-    Ticks: cleaned places, in the owner's colour; triangles: adoptions; dashed lines: orders.
+    Symbols: events of the task, in the owner's colour; triangles: adoptions; dashed lines: orders.
     """
     few = glyphs.is_small_swarm(run.robots)
     rows = {robot: row for row, robot in enumerate(lane_order(run, intervals))}
+    states = cause_glyphs(run.description.task)
     for one in intervals:
         extent = [(one.begin, one.end - one.begin)], (rows[one.robot] - _HALF, 2 * _HALF)
-        axes.broken_barh(*extent, **state_style(CAUSE_GLYPHS[one.cause.value]))
-    for event in run.reported:
-        _mark(axes, run, event, rows, "cleaned", 0.0, 9.0 if few else 3.0)
-    for event in run.taken_over:
-        _mark(axes, run, event, rows, "took over", -_HALF, 5.0 if few else 2.0)
+        axes.broken_barh(*extent, **state_style(states[one.cause]))
+    _draw_events(axes, run, rows, few=few)
     for change in ordered_changes(run):
         axes.axvline(change.second, color=hexadecimal(PUT), ls="--", lw=0.8, zorder=3)
     axes.set_yticks(range(len(rows)), list(rows), fontsize=8.5 if few else 6.0)
@@ -69,17 +80,18 @@ def lane_order(run: RunData, intervals: Sequence[CauseInterval]) -> list[str]:
 
 def lane_legend(runs: Sequence[RunData], intervals: Sequence[CauseInterval]) -> list[Artist]:
     """Return legend entries for the colours and marks used."""
-    seen = {one.cause.value for one in intervals}
-    states = [(word, glyph) for word, glyph in CAUSE_GLYPHS.items() if word in seen]
-    kinds: list[Artist] = [Patch(label=word, **state_style(glyph)) for word, glyph in states]
-    used = [
-        name
-        for name, events in (
-            ("cleaned", [run.reported for run in runs]), ("took over", [run.taken_over for run in runs]),
-        )
-        if any(events)
-    ]  # fmt: skip
-    kinds += [marks.legend_entry(name) for name in used]
+    seen = {one.cause for one in intervals}
+    states = {word: glyph for run in runs for word, glyph in cause_glyphs(run.description.task).items()}
+    kinds: list[Artist] = [
+        Patch(label=printable(word), **state_style(glyph)) for word, glyph in states.items() if word in seen
+    ]
+    used = dict.fromkeys(
+        mark
+        for run in runs
+        for kind, mark in event_marks(run.description.task).items()
+        if (run.taken_over if kind == ADOPTION else any(event.kind == kind for event in run.task_events))
+    )
+    kinds += [marks.legend_entry(mark) for mark in used]
     if any(ordered_changes(run) for run in runs):
         kinds.append(Line2D([], [], color=hexadecimal(PUT), ls="--", lw=0.8, label=_ORDERED))
     return kinds
@@ -93,14 +105,24 @@ def state_style(glyph: StateGlyph) -> dict[str, Any]:
     return {"facecolor": colour, "edgecolor": edge, "hatch": glyph.hatch, "lw": 0}
 
 
-def _mark(
-    axes: Axes, run: RunData, event: PlaceEvent, rows: dict[str, int], name: str, shift: float, size: float
-) -> None:
-    if event.robot in rows:
-        owner = run.robots.index(event.place.owner) if event.place.owner in run.robots else 0
-        marks.plot(axes, name, event.second, rows[event.robot] + shift, style.colour(owner), size=size)
-        if MARKS[name].shape == "tick":  # the robot's colour may equal the lane's
-            axes.lines[-1].set_path_effects(style.HALO)
+def _draw_events(axes: Axes, run: RunData, rows: Mapping[str, int], *, few: bool) -> None:
+    """Draw events of the task in the middle of the lanes, and adoptions above."""
+    symbols = event_marks(run.description.task)
+    drawn = [
+        (one.robot, in_seconds(one.instant), one.owner, symbols[one.kind], 0.0, 9.0 if few else 3.0)
+        for one in run.task_events
+        if one.kind in symbols
+    ]
+    drawn += [
+        (one.robot, one.second, one.key.owner, symbols[ADOPTION], -_HALF, 5.0 if few else 2.0)
+        for one in run.taken_over
+    ]
+    for robot, second, owner, symbol, shift, size in drawn:
+        if robot in rows:
+            colour = style.robot_colour(run.robots, owner, robot)
+            marks.plot(axes, symbol, second, rows[robot] + shift, colour, size=size)
+            if not shift:  # the robot's colour may equal the lane's
+                axes.lines[-1].set_path_effects(style.HALO)
 
 
 def draw(run: RunData) -> Figure:
@@ -116,7 +138,7 @@ def draw(run: RunData) -> Figure:
     drawn = floor_picture.draw_run(floor, run, intervals)
     floor.set_title(style.title(run), loc="left", fontweight="bold", fontsize=10)
     floor.legend(
-        handles=floor_picture.legend(drawn.kinds),
+        handles=floor_picture.legend(drawn.marks, [run.description.task]),
         loc="upper left",
         bbox_to_anchor=(0.0, -0.1),
         ncols=3,
@@ -142,20 +164,29 @@ def write(run: RunData, path: Path) -> None:
         style.save(draw(run), path)
 
 
+def done_events(run: RunData) -> list[TaskEvent]:
+    """Return the first event of each item of the kind `TaskDeclaration.done`, by time."""
+    first: dict[ItemKey | TaskEvent, TaskEvent] = {}
+    for event in run.task_events:
+        if event.kind == run.description.task.done:
+            first.setdefault(event.key or event, event)
+    return sorted(first.values(), key=lambda event: event.instant)
+
+
 def draw_progress(axes: Axes, run: RunData) -> None:
-    """Draw places cleaned per robot; for many robots, their mean and percentiles."""
-    first = {event.place: event for event in reversed(run.reported)}
+    """Draw items done per robot; for many robots, their mean and percentiles."""
+    done = done_events(run)
     by_robot = {
-        robot: sorted(event.second for event in first.values() if event.robot == robot)
+        robot: sorted(in_seconds(event.instant) for event in done if event.robot == robot)
         for robot in run.robots
     }
     if glyphs.is_small_swarm(run.robots):  # colours as in the lanes
-        for index, done in enumerate(by_robot.values()):
+        for index, seconds in enumerate(by_robot.values()):
             look: dict[str, Any] = {"where": "post", "color": style.colour(index), "lw": 1.2}
-            axes.step([0.0, *done, run.end], [*range(len(done) + 1), len(done)], **look)
+            axes.step([0.0, *seconds, run.end], [*range(len(seconds) + 1), len(seconds)], **look)
     else:
         at = np.linspace(0.0, run.end, 201)
-        counts = np.array([np.searchsorted(done, at, side="right") for done in by_robot.values()])
+        counts = np.array([np.searchsorted(seconds, at, side="right") for seconds in by_robot.values()])
         low, high = np.percentile(counts, [10, 90], axis=0)
         axes.fill_between(
             at, low, high, step="post", color=style.INK, alpha=0.2, lw=0, label="10 to 90 % of robots"
@@ -165,9 +196,8 @@ def draw_progress(axes: Axes, run: RunData) -> None:
     axes.set_xlim(0.0, run.end)
     axes.set_ylim(0, max(3.0, axes.get_ylim()[1]))
     axes.yaxis.set_major_locator(MaxNLocator(integer=True))
-    axes.set_title(
-        f"places cleaned by each robot: {len(first)} of {len(run.outcomes)}", loc="left", fontsize=8.5
-    )
+    words = f"{printable(run.description.task.items)} {printable(run.description.task.done)}"
+    axes.set_title(f"{words} by each robot: {len(done)}{style.of_total(run)}", loc="left", fontsize=8.5)
     axes.set_xlabel("simulated time, s")
     axes.grid(alpha=0.25, lw=0.5)
 
@@ -204,7 +234,7 @@ def _draw_charges(axes: Axes, run: RunData) -> None:
 
 
 _MARGIN: Final = 1.5
-"""Margin around trails and places, and the widest strip of floor that is not cut off beyond it, m."""
+"""Margin around trails and items, and the widest strip of floor that is not cut off beyond it, m."""
 _COLUMN: Final = 4.0
 """Width of a floor, inches."""
 
@@ -232,7 +262,9 @@ def draw_several(runs: Sequence[RunData]) -> Figure:
     figure.legend(
         handles=[
             *lane_legend(runs, [one for intervals in intervals_by_run for one in intervals]),
-            *floor_picture.legend({kind for _, drawn in floors for kind in drawn.kinds}),
+            *floor_picture.legend(
+                {mark for _, drawn in floors for mark in drawn.marks}, [run.description.task for run in runs]
+            ),
         ],
         loc="outside lower center", ncols=3, fontsize=7, frameon=False,
     )  # fmt: skip
@@ -250,9 +282,8 @@ def write_several(runs: Sequence[RunData], path: Path) -> None:
 
 def _view(run: RunData) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return the south-west and north-east corners of the part of the floor to show, m, each (2,)."""
-    points = np.concatenate(
-        [run.true[..., :2].reshape(-1, 2), [(place.x, place.y) for place in run.outcomes]]
-    )
+    items = [(one.mark.x, one.mark.y) for one in floor_picture.shown_items(run)]
+    points = np.concatenate([run.true[..., :2].reshape(-1, 2), np.array(items).reshape(-1, 2)])
     grid, low, high = run.grid, points.min(axis=0) - _MARGIN, points.max(axis=0) + _MARGIN
     first, last = (np.array([corner.x, corner.y]) for corner in (grid.origin, grid.corner))
     return np.where(low - first < _MARGIN, first, low), np.where(last - high < _MARGIN, last, high)

@@ -18,6 +18,8 @@ from acrc_testbed.run_model.data import RunData
 from actors.observer import glyphs
 from actors.observer.glyphs import Colour
 from actors.runtime import regular_file
+from actors.runtime.errors import printable
+from actors.task.task import Metric, Value
 
 
 @contextlib.contextmanager
@@ -82,6 +84,11 @@ def colour(index: int) -> str:
     return ROBOTS[index % len(ROBOTS)]
 
 
+def robot_colour(robots: Sequence[str], *names: str) -> str:
+    """Return the colour of the first name that is a robot; that of texts if there is none."""
+    return next((colour(robots.index(name)) for name in names if name in robots), INK)
+
+
 def title(run: RunData) -> str:
     """Return a title with robots, seed and result."""
     count, result = len(run.robots), run.result
@@ -96,9 +103,33 @@ def short_title(run: RunData) -> str:
     if run.result is None:
         return recorded_span(run.out, run.end)
     strategy = run.result.origin.strategy or "a strategy"
-    done = f"{run.result.places_done} of {run.result.places_total} places"
-    lasted = run.result.completion_s or run.result.simulated_s
-    return f"{strategy}: {done} in {lasted:g} s"
+    times = [run.result.task.get(metric.column) for metric in run.description.task.metrics if metric.event]
+    lasted = _text((times and times[-1]) or run.result.simulated_s)
+    return f"{strategy}: {_first_value(run)} in {lasted} s"
+
+
+def _first_value(run: RunData) -> str:
+    """Return the value of the metric that decides first, such as "6 of 6 places"."""
+    assert run.result is not None
+    if (metric := _first_metric(run)) is None:
+        return "no metric"
+    return f"{_text(run.result.task.get(metric.column))}{of_total(run)} {printable(metric.unit)}"
+
+
+def of_total(run: RunData) -> str:
+    """Return the largest value of the metric that decides first, such as " of 40"; "" if it is unknown."""
+    metric, values = _first_metric(run), {} if run.result is None else run.result.task
+    total = None if metric is None else values.get(metric.total)
+    return "" if total is None else f" of {_text(total)}"
+
+
+def _first_metric(run: RunData) -> Metric | None:
+    ranked = (metric for metric in run.description.task.metrics if metric.rank is not None)
+    return min(ranked, key=lambda metric: metric.rank or 0, default=None)
+
+
+def _text(value: Value) -> str:
+    return f"{value:g}" if isinstance(value, float) else printable(str(value))
 
 
 Axes = axes.Axes

@@ -18,13 +18,16 @@ function round(pen, [[x, y]], size, how = "stroke") {
 function star(pen, [[x, y]], size, angles) {
   for (const [dx, dy] of angles.map((one) => [Math.cos(one) * size, Math.sin(one) * size])) line(pen, [[x - dx, y - dy], [x + dx, y + dy]]);
 }
+const polygon = (pen, [[x, y]], size, corners) => line(pen, [...corners, corners[0]].map(([dx, dy]) => [x + dx * size, y + dy * size]));
 const SHAPES = {
   ring: round,
   disc: (pen, at, size) => round(pen, at, size, "fill"),
-  "dim disc": (pen, at, size) => { pen.globalAlpha *= 0.55; round(pen, at, size * 0.6, "fill"); },
   cross: (pen, at, size) => star(pen, at, size * 1.27, [Math.PI / 4, -Math.PI / 4]),
   "heavy cross": (pen, at, size) => { pen.lineWidth = 4; SHAPES.cross(pen, at, size); },
-  diamond: (pen, [[x, y]], size) => line(pen, [[0, -1], [1, 0], [0, 1], [-1, 0], [0, -1]].map(([dx, dy]) => [x + dx * size * 1.3, y + dy * size * 1.3])),
+  diamond: (pen, at, size) => polygon(pen, at, size * 1.3, [[0, -1], [1, 0], [0, 1], [-1, 0]]),
+  square: (pen, at, size) => polygon(pen, at, size, [[-1, -1], [1, -1], [1, 1], [-1, 1]]),
+  triangle: (pen, at, size) => polygon(pen, at, size, [[-1, -1], [1, -1], [0, 1]]),
+  tick: (pen, at, size) => star(pen, at, size, [Math.PI / 2]),
   snowflake: (pen, at, size) => star(pen, at, size, [0, Math.PI / 3, (2 * Math.PI) / 3]),
   blocked: (pen, at, size) => { pen.lineWidth = 3; round(pen, at, size); },
   "dashed ring": (pen, at, size) => { pen.setLineDash([6, 4]); round(pen, at, size); },
@@ -42,6 +45,7 @@ const SHAPES = {
     }
   },
   "filled ring": (pen, at, size) => { round(pen, at, size); pen.globalAlpha *= 0.4; round(pen, at, size, "fill"); },
+  "soft ring": (pen, at, size) => SHAPES["filled ring"](pen, at, size),
   beam: (pen, points) => { pen.lineWidth = 4; line(pen, points); },
   trail: (pen, points) => { pen.globalAlpha *= 0.55; line(pen, points); },
   dashes: (pen, points) => { pen.lineWidth = 1.5; pen.setLineDash([2, 4]); line(pen, points); },
@@ -69,7 +73,7 @@ function fitted(canvas) { // returns its pen, in page pixels
 }
 const toScreen = (x, y) => [left + (x - floor.west) * scale, top_ + (floor.south + floor.height - y) * scale];
 const toFloor = (px, py) => [floor.west + (px - left) / scale, floor.south + floor.height - (py - top_) / scale];
-const colour = (id) => floor.robots[id].colour;
+const colour = (...ids) => floor.robots[ids.find((id) => id in floor.robots)]?.colour || css("--ink");
 const robotOf = (id) => (state ? state.robots.find(([own]) => own === id) : undefined);
 const goes = (word_) => word_ !== "off" && word_ !== "frozen";
 const middleOf = ([[ax, ay], [bx, by]]) => [(ax + bx) / 2, (ay + by) / 2];
@@ -137,7 +141,11 @@ function draw() {
   }
   const at = state.robots.map(([, x, y]) => [x, y]);
   for (const [one, other] of state.links) put("link", [at[one], at[other]]);
-  for (const [owner, x, y, stands] of state.places) put(stands, [[x, y]], { colour: colour(owner), size });
+  for (const [owner, x, y, stands, by] of state.items) {
+    const [shape] = floor.marks[stands] || [], done = shape === "disc", at = [toScreen(x, y)];
+    if (done) mark(pen, "disc", colour(by, owner), at, size * 0.6, 0.55);
+    if (shape) mark(pen, done ? "ring" : shape, colour(owner, by), at, done ? size * 0.6 : size, done ? 0.55 : 1);
+  }
   for (const one of floor.doors) if (!isShut(one)) put("door", one, { size: 0.2 * scale });
   for (const [kind, points, radius, left_] of state.things) {
     const straight = points.length > 1, name = kind === "closing door" ? "closed door" : kind;
@@ -171,7 +179,7 @@ function draw() {
 }
 function drawLegend() { // each mark in its own small canvas, as in `draw`
   if (!floor) return;
-  const entries = Object.entries(floor.legend), list = $("legend");
+  const entries = [...Object.entries(floor.marks), ...Object.entries(floor.legend)], list = $("legend");
   if (!list.children.length) list.innerHTML = "<li><canvas aria-hidden='true'></canvas></li>".repeat(entries.length);
   entries.forEach(([name, [shape, tint, says]], index) => {
     const item = list.children[index], own = fitted(item.firstChild);

@@ -8,7 +8,7 @@ let tool = "move", drag = null, cursor = null, pinch = null, sure = 0;
 let target = null; // pose of the selected robot after key presses, ahead of the state
 const socket = new WebSocket(location.href.replace(/[?#].*/, "").replace(/^http/, "ws").replace(/\/?$/, "/socket"));
 const HANDLERS = {
-  floor: loadFloor,
+  floor: (message) => { loadFloor(message); nameItems(); },
   state: (message) => { state = message; remember(); show(); },
   order: showOrder,
 };
@@ -41,13 +41,12 @@ function showOrder({ number, order: words, times, waiting, refused, refusal }) {
   if (!waiting && mine.delete(words) && refused) { note(`Refused: ${refusal}`); target = null; }
 }
 function show() {
-  const count = (stands) => state.places.filter((one) => one[3] === stands).length, done = count("done");
   set("time", `${state.t.toFixed(1)} s${state.paused ? ", paused" : ""}${state.over ? ", ended" : ""}`);
   set("pause", state.paused ? "Resume" : "Pause");
   const speed = state.speed === 0 ? "max" : String(state.speed), choice = $("speed");
   if (![...choice.options].some((one) => one.value === speed)) choice.add(new Option(speed), 0);
   if (document.activeElement !== choice) choice.value = speed;
-  const notes = [`${done} of ${state.places.length} places done, ${state.places.length - done - count("given up")} left`];
+  const notes = [`${state.done} ${floor.items} ${floor.done}, ${state.left} left`];
   const problems = { "steps missed": state.missed, "updates skipped (slow page)": state.late, "invalid messages": state.junk };
   for (const [words, count_] of Object.entries(problems)) if (count_) notes.push(`${count_} ${words}`);
   set("count", notes.join("; "));
@@ -69,7 +68,7 @@ function showRobots() {
     button.setAttribute("aria-pressed", String(id === chosen));
   }
   set("chosen", one ? `Robot ${chosen}` : "No robot selected");
-  const by = one && one[6] ? ` by ${one[6]}` : "", heads = one && one[5] ? `, next place at ${one[5].map((v) => v.toFixed(1)).join(", ")}` : "";
+  const by = one && one[6] ? ` by ${one[6]}` : "", heads = one && one[5] ? `, next ${floor.item} at ${one[5].map((v) => v.toFixed(1)).join(", ")}` : "";
   set("about", one ? `${stands}${by}${heads}` : "Select a robot on the map, in the list, or with n.");
   const can = { freeze: goes(stands), thaw: stands === "frozen", kill: stands !== "off", restart: stands === "off" };
   for (const button of all("[data-order]")) button.disabled = !one || !can[button.dataset.order];
@@ -100,11 +99,27 @@ const TOOLS = {
   move: { key: "m", words: "Arrow keys move the selected robot." },
   wall: { key: "w", words: "Wall: arrow keys move the cursor, Enter sets each end.", begun: "Drag from one end to the other to add a wall.", order: (d) => `wall ${brief(d.fromX, d.fromY, d.x, d.y)}` },
   obstacle: { key: "o", words: "Obstacle: Enter at its centre, then at its edge.", begun: "Drag from the centre outward to add an obstacle.", order: (d, far) => `obstacle ${brief(d.fromX, d.fromY, far)}` },
-  give: { key: "g", words: "Place: Enter adds it for the selected robot." },
+  give: { key: "g", words: "Item: Enter adds it for the selected robot." },
   door: { key: "d", words: "Door: Enter closes or opens the door at the cursor." },
   jam: { key: "j", words: "Jammer: Enter at its centre, then at its edge.", begun: "Drag from the centre outward to add a jammer.", order: (d, far) => `jam ${brief(d.fromX, d.fromY, far)} ${$("seconds").value}` },
 };
+function nameItems() { // as the task calls them; only points are given by a click
+  const button = document.querySelector("[data-tool=give]"), word_ = floor.item.charAt(0).toUpperCase() + floor.item.slice(1);
+  button.textContent = word_;
+  button.title = floor.is_point ? `Click to add a ${floor.item} for the selected robot` : `Give the ${floor.item} beside to the selected robot`;
+  $("item").hidden = floor.is_point;
+  $("item").onkeydown = ({ key }) => { if (key === "Enter") give(); };
+}
+function give(...point) {
+  let item = floor.is_point ? brief(...point) : $("item").value;
+  if (!chosen) note(`Select the robot of the ${floor.item} first.`);
+  else {
+    try { if (!floor.is_point) item = JSON.stringify(JSON.parse(item)); } catch { note(`Enter the ${floor.item} as JSON text beside its button.`); return; }
+    order(`give ${chosen} ${item}`);
+  }
+}
 function useTool(name) {
+  if (name === "give" && !floor.is_point) { give(); return; }
   [tool, drag] = [name, null];
   for (const one of all("[data-tool]")) one.setAttribute("aria-pressed", String(one.dataset.tool === name));
   redraw();
@@ -117,10 +132,7 @@ function away([[ax, ay], [bx, by]], x, y) { // distance from a segment, m
   return Math.hypot(ax + t * dx - x, ay + t * dy - y);
 }
 function act(x, y) { // tools with one point
-  if (tool === "give") {
-    if (chosen) order(`give ${chosen} ${brief(x, y)}`); else note("Select the robot of the place first.");
-    return;
-  }
+  if (tool === "give") { give(x, y); return; }
   const door = [...floor.doors].sort((one, other) => away(one, x, y) - away(other, x, y))[0];
   if (!door || away(door, x, y) > DOOR_M) note(door ? `No door within ${DOOR_M} m.` : "This floor has no door.");
   else order(`${isShut(door) ? "open" : "close"} ${brief(...middleOf(door))}`);
@@ -242,7 +254,7 @@ const KEYS = [
   [".", "execute one step, then pause", { ".": () => order("step") }],
   ["[ ]", "slower, faster", { "[": () => faster(-1), "]": () => faster(1) }],
   ["x x", "stop the run (press twice)", { x: () => askStop() }],
-  ["m w o g d j", "tools: move, wall, obstacle, place, door, jammer", Object.fromEntries(Object.entries(TOOLS).map(([name, { key, words }]) => [key, () => { useTool(name); note(words); }]))],
+  ["m w o g d j", "tools: move, wall, obstacle, item, door, jammer", Object.fromEntries(Object.entries(TOOLS).map(([name, { key, words }]) => [key, () => { useTool(name); if (tool === name) note(words); }]))],
   ["Enter", "apply the tool at the cursor, or select the robot there", { Enter: enter }],
   ["Escape", "cancel, or deselect the robot", { Escape: escape }],
   ["+ − 0", "zoom in, out, the whole floor", { "+": closer, "=": closer, "-": farther, 0: whole }],

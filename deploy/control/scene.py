@@ -19,10 +19,20 @@ from actors.floor.doors import DoorError, Doorways
 from actors.floor.grid import FREE, UNKNOWN, OccupancyGrid
 from actors.instant import in_seconds
 from actors.items import ItemKey
-from actors.messages import Control, FloorChanged, Jam, OrderOutcomes, Progress, Truth, UnmappedObstacle
+from actors.messages import (
+    Control,
+    FloorChanged,
+    ItemMark,
+    Jam,
+    OrderOutcomes,
+    Progress,
+    TaskChanged,
+    Truth,
+    UnmappedObstacle,
+)
 from actors.observer import glyphs
 from actors.observer.glyphs import ACTIVITY_GLYPHS, MARKS, Mark, contrast, hexadecimal
-from actors.orders import AssignItems, Freeze, Kill, Move, Order, Restart, Speed, Thaw
+from actors.orders import Freeze, Kill, Move, Order, Restart, Speed, Thaw
 from actors.radio.radio_model import RadioSetup
 from actors.robot_model import load_model
 from actors.topic import Message
@@ -31,12 +41,9 @@ from actors.world.world_setup import WorldSetup
 STATES: Final = ("driving", "standing", "blocked", "idle", "frozen", "off")
 """Externally observed states of a robot; "blocked": it stands near another robot."""
 LEGEND: Final[Mapping[str, Mark]] = {
-    **{name: MARKS[name] for name in ("open", "given")},
-    "done": MARKS["done"]._replace(shape="dim disc", meaning="place reported as done"),
-    **{name: MARKS[name]._replace(meaning=meaning) for name, meaning in (
-        ("given up", "place given up"), ("off", "robot off"), ("frozen", "robot frozen"))},
+    **{name: MARKS[name] for name in ("off", "frozen")},
     "blocked": Mark("blocked", ACTIVITY_GLYPHS["blocked"].colour, "blocked robot, and the robot in its way"),
-    "destination": Mark("dashes", None, "next place, as reported by the robot"),
+    "destination": Mark("dashes", None, "to the next item of the robot's route"),
     "trail": Mark("trail", None, "path of the last 20 s"),
     "link": Mark("link", None, "frame received in the last 3 s"),
     **{name: MARKS[name] for name in ("door", "closed door", "wall", "obstacle", "jammer")},
@@ -75,18 +82,31 @@ def floor_message(setup: WorldSetup, grid: OccupancyGrid) -> dict[str, Any]:
         robot: {"radius": radius, "colour": hexadecimal(glyphs.robot(index))}
         for index, (robot, radius) in enumerate(radii.items())
     }
-    legend = {
-        name: (one.shape, hexadecimal(one.colour) if one.colour else "", one.meaning)
-        for name, one in LEGEND.items()
-        if name != "person" or setup.has_people
-    }
+    legend = {name: one for name, one in LEGEND.items() if name != "person" or setup.has_people}
+    task = setup.task.declaration
     return {
         "kind": "floor", "png": base64.b64encode(file.getvalue()).decode(),
         "west": grid.origin.x, "south": grid.origin.y,
         "width": grid.columns * grid.resolution, "height": grid.rows * grid.resolution,
-        "robots": robots, "doors": doors, "legend": legend, "person": glyphs.PERSON_RADIUS,
+        "robots": robots, "doors": doors, "legend": _drawn(legend), "person": glyphs.PERSON_RADIUS,
         "states": {state: state_colours(state) for state in STATES},
+        "marks": _drawn(glyphs.item_marks(task)), "item": task.item, "items": task.items, "done": task.done,
+        "is_point": _is_point(task.schemas.get("item")),
     }  # fmt: skip
+
+
+def _drawn(marks: Mapping[str, Mark]) -> dict[str, tuple[str, str, str]]:
+    """Return shape, colour, empty for a robot's, and text of marks, by name."""
+    return {
+        name: (one.shape, hexadecimal(one.colour) if one.colour else "", one.meaning)
+        for name, one in marks.items()
+    }
+
+
+def _is_point(schema: object) -> bool:
+    """Return True if items of this JSON schema are points [x, y], m."""
+    parts = schema.get("prefixItems") if isinstance(schema, dict) else None
+    return isinstance(parts, list) and [one.get("type") for one in parts] == ["number"] * 2
 
 
 class Scene:
@@ -95,16 +115,17 @@ class Scene:
     def __init__(self, setup: WorldSetup, radio: RadioSetup, speed: float) -> None:
         """`speed`: initial simulated s per s, 0: no limit."""
         self._model = run_model(Path(), setup, radio)
-        self._own = self._model.description.own_places
+        counts = self._model.description.item_counts
         self._floor, self._speed = floor_message(setup, self._model.description.grid), speed
-        self._places = {ItemKey(one, n): at for one, own in self._own.items() for n, at in enumerate(own)}
-        self._reported: dict[ItemKey, str] = {}
-        """Reported state of places: done or given up."""
-        self._routes = {robot: [key for key in self._places if key.owner == robot] for robot in self._own}
+        self._items: dict[ItemKey, ItemMark] = {}
+        self._left = self._done = 0
+        """Numbers of items, as in Progress."""
+        self._next = {robot: ItemKey(robot, 0) if count else None for robot, count in counts.items()}
+        """First item of each robot's route."""
         self._poses: dict[str, tuple[float, ...]] = {one.id: one.start for one in setup.robots}
-        self._states = dict.fromkeys(self._own, "driving")
+        self._states = dict.fromkeys(counts, "driving")
         self._activities = {
-            robot: ObservedActivity(robot, has_places=bool(own)) for robot, own in self._own.items()
+            robot: ObservedActivity(robot, has_items=bool(count)) for robot, count in counts.items()
         }
         self._trail: deque[tuple[float, NDArray[np.float64]]] = deque(maxlen=int(TRAIL_S / TRAIL_STEP_S) + 1)
         """Times, s, and poses of all robots, (robots, 3)."""
@@ -123,6 +144,9 @@ class Scene:
             case Progress():
                 self._paused_at = message.step if message.paused else -1
                 self.over = self.over or message.finished
+                self._left, self._done = message.left, message.done
+            case TaskChanged():
+                self._items |= {one.key: one for one in message.marks}
             case FloorChanged():
                 self._obstacles |= {one.number: one for one in message.put}
                 for number in message.gone:
@@ -146,17 +170,13 @@ class Scene:
                     self._apply_run(self._model.advance(message.step))
 
     def _apply_run(self, run: RunData) -> None:
-        self._apply(one.order for one in run.orders if isinstance(one.order, AssignItems | Speed))
-        self._routes |= {route.robot: list(route.places) for route in run.routes}
-        for what, events in (("given up", run.given_up), ("done", run.reported)):
-            for event in events:
-                if event.place in self._places and self._reported.get(event.place) != "done":
-                    self._reported[event.place] = what
+        self._apply(one.order for one in run.orders if isinstance(one.order, Speed))
+        self._next |= {route.robot: next(iter(route.items), None) for route in run.routes}
         for second, sender, receiver, _ in run.heard.tolist():
             pair = (int(min(sender, receiver)), int(max(sender, receiver)))
             self._received[pair] = max(second, self._received.get(pair, 0.0))
         for second, poses in zip(run.seconds.tolist(), run.true, strict=True):
-            self._poses = dict(zip(self._own, map(tuple, poses.tolist()), strict=True))
+            self._poses = dict(zip(run.robots, map(tuple, poses.tolist()), strict=True))
             if not self._trail or second - self._trail[-1][0] >= TRAIL_STEP_S:
                 self._trail.append((second, poses.round(3)))
         for robot, track in run.trajectories.items():
@@ -173,9 +193,6 @@ class Scene:
                     self._states[robot] = "off" if isinstance(order, Kill) else "frozen"
                 case Thaw(robot) | Restart(robot):
                     self._states[robot] = "driving"
-                case AssignItems(robot, places):
-                    begin = sum(key.owner == robot for key in self._places)
-                    self._places |= {ItemKey(robot, n): at for n, at in enumerate(places, begin)}
                 case Speed(factor):
                     self._speed = factor
 
@@ -183,7 +200,7 @@ class Scene:
         """Return the constant data and the trails so far."""
         trails = {
             robot: [(second, *poses[index, :2].tolist()) for second, poses in self._trail]
-            for index, robot in enumerate(self._own)
+            for index, robot in enumerate(self._poses)
         }
         return self._floor | {"trails": trails}
 
@@ -199,21 +216,19 @@ class Scene:
             "kind": "state", "t": now, "step": max(self._step, 0), "paused": self._step < self._paused_at,
             "speed": self._speed, "over": self.over, "missed": self._missed, "links": sorted(newest),
             "robots": [self._robot(robot) for robot in self._poses],
-            "places": [(key.owner, *at, self._place_state(key)) for key, at in self._places.items()],
-            "things": things, "people": self._people,
+            "items": [(one.owner, one.x, one.y, one.state, one.by) for one in self._items.values()],
+            "left": self._left, "done": self._done, "things": things, "people": self._people,
         }  # fmt: skip
 
-    def _place_state(self, key: ItemKey) -> str:
-        return self._reported.get(key) or ("open" if key.place < len(self._own[key.owner]) else "given")
-
     def _robot(self, robot: str) -> tuple[Any, ...]:
-        """Return id, x, y, heading, state, next place, and the blocking robot."""
-        pose, state, route = self._poses[robot], self._states[robot], self._routes[robot]
+        """Return id, x, y, heading, state, position of the next item, and the blocking robot."""
+        pose, state, key = self._poses[robot], self._states[robot], self._next[robot]
         blocker = ""
         if state == "standing":
             others = [(math.dist(pose[:2], at[:2]), one) for one, at in self._poses.items() if one != robot]
             distance, nearest = min(others, default=(math.inf, ""))
             if distance <= STANDARD.block_distance:
                 state, blocker = "blocked", nearest
-        next_place = self._places.get(route[0]) if route and state not in ("frozen", "off") else None
-        return (robot, *(round(one, 3) for one in pose), state, next_place, blocker)
+        item = self._items.get(key) if key is not None and state not in ("frozen", "off") else None
+        position = None if item is None else (item.x, item.y)
+        return (robot, *(round(one, 3) for one in pose), state, position, blocker)

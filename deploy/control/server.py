@@ -20,6 +20,7 @@ from websockets.asyncio.server import Server, ServerConnection, serve
 from websockets.exceptions import ConnectionClosed
 from websockets.http11 import Request, Response
 
+from actors.items import ITEM_LIMIT
 from actors.messages import (
     ANSWERED,
     CONTROL,
@@ -27,6 +28,7 @@ from actors.messages import (
     FLOOR_NEWS,
     PROGRESS,
     RECEIVED,
+    TASK_NEWS,
     TRUTH,
     Control,
     OrderOutcomes,
@@ -38,7 +40,7 @@ from deploy.control.scene import MAX_PENDING_ORDERS, Scene
 from deploy.run import order_bus
 
 HOST: Final = "127.0.0.1"
-MAX_ORDER_LENGTH: Final = 200
+MAX_ORDER_LENGTH: Final = ITEM_LIMIT + 200
 """Maximum length of an order from a page, in the syntax of `acrc order RUN`."""
 MAX_PAGES: Final = 8
 """Maximum number of open pages; further ones are closed with an error."""
@@ -49,7 +51,7 @@ SEND_TIMEOUT_S: Final = 10.0
 """Time after which a page that reads nothing is closed, s; our choice."""
 MAX_LINES: Final = 100
 """Maximum length of the list of orders; older ones are dropped."""
-TOPICS: Final = (DRIVE, RECEIVED, FLOOR_NEWS, TRUTH, CONTROL, ANSWERED, PROGRESS)
+TOPICS: Final = (DRIVE, RECEIVED, FLOOR_NEWS, TASK_NEWS, TRUTH, CONTROL, ANSWERED, PROGRESS)
 """Topics in polling order: an order precedes its answer."""
 ADDRESSES: Final = tuple(at(topic, "*" if "{id}" in topic.pattern else "") for topic in TOPICS)
 ANSWER_TIMEOUT_S: Final = 10.0

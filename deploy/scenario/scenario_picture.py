@@ -121,9 +121,10 @@ def _lattice(grid: OccupancyGrid) -> tuple[NDArray[np.float64], NDArray[np.float
 
 
 def _legend(found: ScenarioSurvey, *, few: bool) -> list[Line2D | Patch]:
+    task = found.resolved.world.task.declaration
     handles: list[Line2D | Patch] = [
         Line2D([], [], marker="o", ls="", ms=8, color=style.INK, label="start of a robot"),
-        Line2D([], [], marker="o", ls="", mfc="w", mec=style.INK, label="place to be cleaned"),
+        Line2D([], [], marker="o", ls="", mfc="w", mec=style.INK, label=f"{task.item} to be {task.done}"),
     ]
     if few:
         label = "half of the longest frames from the start arrive up to here"
