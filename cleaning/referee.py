@@ -21,20 +21,22 @@ REACH: Final = 0.7
 """A place counts as visited if ground truth was this near, m: the 0.5 m at which robots report it (d3scomp's
 testbed) plus 0.2 m of localisation error."""
 COLUMNS: Final = (
-    Column("owner", "text", "Robot to which the place was given"),
-    Column("place", "integer", "Index in the owner's list"),
-    Column("x", "number", "m, map frame"),
-    Column("y", "number", "m"),
-    Column("verdict", "text", "Final state: `done`, `claimed`, `mistaken`, `given up`, `lost` or `open`"),
-    Column("reached_s", "number", "First true visit, s"),
-    Column("reached_by", "text", "Robot of the first true visit"),
-    Column("reported_s", "number", "First report of a visit, s"),
-    Column("reported_by", "text", "Robot that reported it"),
-    Column("given_up_s", "number", "First time that it was given up, s; it may have been reported before or after"),
-    Column("given_up_by", "text", "Robot that gave it up"),
-    Column("reason", "text", "Reason of `given_up_by`"),
-    Column("in_route_of", "text", "Robots with a process and with it in their route at the end"),
-    Column("given_s", "number", "Instant at which it was given to its owner, s; 0: at the start"),
+    Column("owner", "text", "robot to which the place was assigned"),
+    Column("place", "integer", "number in the owner's list, from 0"),
+    Column("x", "number", "x of the place, m, map frame"),
+    Column("y", "number", "y of the place, m, map frame"),
+    Column("verdict", "text", "outcome by the referee; null for a run that was cut off"),
+    Column("reached_s", "number", "when a robot truly was there first, simulated s; null: never", "reached"),
+    Column("reached_by", "text", "that robot; null: none"),
+    Column(
+        "reported_s", "number", "when a robot first reported a visit, simulated s; null: never", "reported"
+    ),
+    Column("reported_by", "text", "that robot; null: none"),
+    Column("given_up_s", "number", "when a robot first gave it up, simulated s; null: never", "given_up"),
+    Column("given_up_by", "text", "that robot; null: none"),
+    Column("reason", "text", "reason that the robot reported; null: not given up"),
+    Column("in_route_of", "text", "robots with a process that had it in their route at the end"),
+    Column("given_s", "number", "when it was assigned, simulated s; 0: at the start", "given"),
 )
 
 

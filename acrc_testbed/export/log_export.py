@@ -12,10 +12,10 @@ from acrc_testbed.export.robot_entries import (
     command_entries,
     estimate_entries,
     internal_entries,
+    item_entries,
     link_entries,
     map_entry,
     obstacle_entries,
-    place_entries,
     sensor_entries,
     static_frames,
     true_entries,
@@ -82,7 +82,7 @@ def _streams(
 ) -> Iterator[Iterator[LogEntry]]:
     """Yield streams of entries, each by time; entries of one instant keep the order of the streams."""
     yield iter((map_entry(run.grid), static_frames(models)))
-    yield from (place_entries(run), body_entries(run, models))
+    yield from (item_entries(run), body_entries(run, models))
     if run.floor:
         yield obstacle_entries(run)
     yield true_entries(run)

@@ -8,8 +8,9 @@ from typing import Any, Final, Literal
 import pyarrow
 from pyarrow import parquet
 
-from acrc_testbed.export.table_rows import Row, Tables
+from acrc_testbed.export.table_rows import Row, RunTables, items_name
 from actors.runtime import regular_file
+from actors.task.task import TaskDeclaration
 
 Kind = Literal["float", "int", "bool", "text"]
 
@@ -151,25 +152,6 @@ TABLES: Final = (
         ),
     ),
     ExportTable(
-        "places",
-        "a place and its outcome",
-        (
-            Column("owner", "text", "robot to which the place was assigned"),
-            Column("place", "int", "number in the owner's list, from 0"),
-            Column("x", "float", "x of the place, m, map frame"),
-            Column("y", "float", "y of the place, m, map frame"),
-            Column("given", "float", "when it was assigned, simulated s; 0: at the start"),
-            Column("verdict", "text", "outcome by the referee; null for a run that was cut off"),
-            Column("reached", "float", "when a robot truly was there first, simulated s; null: never"),
-            Column("reached_by", "text", "that robot; null: none"),
-            Column("reported", "float", "when a robot first reported a visit, simulated s; null: never"),
-            Column("reported_by", "text", "that robot; null: none"),
-            Column("given_up", "float", "when a robot first gave it up, simulated s; null: never"),
-            Column("given_up_by", "text", "that robot; null: none"),
-            Column("reason", "text", "reason that the robot reported; null: not given up"),
-        ),
-    ),
-    ExportTable(
         "decisions",
         "a decision of a robot's adaptation",
         (
@@ -197,10 +179,23 @@ TABLES: Final = (
 )  # fmt: skip
 
 
-def schema_page() -> str:
-    """Return the schemas as Markdown for the documentation."""
+"""Tables of any task."""
+_KINDS: Final[dict[str, Kind]] = {"text": "text", "integer": "int", "number": "float", "boolean": "bool"}
+
+
+def tables_of(task: TaskDeclaration) -> tuple[ExportTable, ...]:
+    """Return the schemas of all tables of a run: TABLES, and the task's items."""
+    columns = tuple(
+        Column(one.exported or one.name, _KINDS.get(one.type, "text"), one.description)
+        for one in task.columns
+    )
+    return *TABLES, ExportTable(items_name(task), f"a {task.item} and its outcome", columns)
+
+
+def schema_page(task: TaskDeclaration) -> str:
+    """Return the schemas of a task's runs as Markdown for the documentation."""
     parts = []
-    for table in TABLES:
+    for table in tables_of(task):
         parts.append(
             f"## {table.name}\n\nA row is {table.row}.\n\n| column | type | meaning |\n|---|---|---|\n"
         )
@@ -217,17 +212,17 @@ _TYPES: Final = {
 }
 
 
-def write(rows: Tables, folder: Path) -> list[tuple[Path, int]]:
+def write(run: RunTables, folder: Path) -> list[tuple[Path, int]]:
     """Write each table to `NAME.parquet`, and return paths and numbers of rows.
 
     Existing files are replaced, or removed if the run lacks the table. Each column has its meaning as
     metadata `meaning`. Raises OSError.
     """
     folder.mkdir(parents=True, exist_ok=True)
-    for name in missing_tables(rows):
+    for name in missing_tables(run):
         (folder / f"{name}.parquet").unlink(missing_ok=True)
     written = []
-    for name, table in arrow_tables(rows).items():
+    for name, table in arrow_tables(run).items():
         path = folder / f"{name}.parquet"
         with regular_file.atomic_replacement(path) as part:
             parquet.write_table(table, part)
@@ -235,14 +230,18 @@ def write(rows: Tables, folder: Path) -> list[tuple[Path, int]]:
     return written
 
 
-def missing_tables(rows: Tables) -> list[str]:
+def missing_tables(run: RunTables) -> list[str]:
     """Return the names of the missing tables, as for a lean recording."""
-    return [table.name for table in TABLES if table.name not in rows]
+    return [table.name for table in tables_of(run.task) if table.name not in run.rows]
 
 
-def arrow_tables(rows: Tables) -> dict[str, pyarrow.Table]:
+def arrow_tables(run: RunTables) -> dict[str, pyarrow.Table]:
     """Return the tables in memory by name, with the meanings of columns as metadata."""
-    return {table.name: _arrow_table(table, rows[table.name]) for table in TABLES if table.name in rows}
+    return {
+        table.name: _arrow_table(table, run.rows[table.name])
+        for table in tables_of(run.task)
+        if table.name in run.rows
+    }
 
 
 def _arrow_table(table: ExportTable, rows: Sequence[Row]) -> Any:

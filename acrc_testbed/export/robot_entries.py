@@ -25,9 +25,9 @@ from acrc_testbed.export.ros2_log import (
 )
 from acrc_testbed.run_model.data import RunData, Trajectory
 from acrc_testbed.run_model.floor import FloorObject
-from acrc_testbed.run_model.place_reports import PlaceStatus, PlaceTable
 from acrc_testbed.run_model.recording_readers import messages_on
 from acrc_testbed.run_model.robot_introspection import RecordedProcess, RobotInternals
+from acrc_testbed.run_model.task_state import ItemState, ItemTable
 from actors.floor.grid import FREE, OCCUPIED, OccupancyGrid
 from actors.geometry import Pose
 from actors.instant import LATEST
@@ -212,7 +212,7 @@ def _pose_entry(microseconds: float, topic: str, pose: Pose) -> LogEntry:
     return LogEntry(at, topic, ros2_log.placed_pose(MAP, pose, at), at)
 
 
-_PLACE_RADIUS: Final = 0.15
+_ITEM_RADIUS: Final = 0.15
 _FLAT: Final = 0.02
 _HIGH: Final = 0.4
 """Height of robots, walls and obstacles, m."""
@@ -230,29 +230,28 @@ def map_entry(grid: OccupancyGrid) -> LogEntry:
     return LogEntry(0, "/map", occupancy_grid(corner, grid.resolution, values, 0), 0)
 
 
-def place_entries(run: RunData) -> Iterator[LogEntry]:
-    """Yield all places at each change: solid, faint once cleaned, grey once given up.
-
-    A place that was added during the run is included from the first report about it.
-    """
-    states: dict[ItemKey, PlaceStatus] = {}
-    previous: dict[ItemKey, tuple[bool, bool]] | None = None
-    for second, changes in groupby(PlaceTable().extend(run), key=lambda one: one.second):
-        for change in changes:
-            states |= change.states
-        current = {key: (one.done, one.given_up) for key, one in states.items()}
+def item_entries(run: RunData) -> Iterator[LogEntry]:
+    """Yield all items of the task at each change of state: solid while open, then faint; grey if not done."""
+    table, previous = ItemTable(), dict[ItemKey, tuple[float, float, str]]()
+    for change in table.extend(run):
+        current = {key: (one.x, one.y, one.state) for key, one in table.states.items()}
         if current != previous:
             previous = current
-            yield _marker_entry(second, "/places", _place_markers(run, states))
+            yield _marker_entry(change.second, "/items", _item_markers(run, table.states))
 
 
-def _place_markers(run: RunData, states: Mapping[ItemKey, PlaceStatus]) -> list[Marker]:
+def _item_markers(run: RunData, states: Mapping[ItemKey, ItemState]) -> list[Marker]:
     markers = []
     for key, state in states.items():
-        is_lost = state.given_up and not state.done
-        colour = glyphs.GREY if is_lost else glyphs.robot(run.robots.index(key.owner))
-        marker = disc(f"{key.owner}/{key.place}", (state.x, state.y), _PLACE_RADIUS, _FLAT, colour)
-        markers.append(marker._replace(opacity=0.25) if state.done or state.given_up else marker)
+        style, owner = run.description.task.marks.get(state.state), key.owner
+        if style is not None:
+            robot = next((one for one in (owner, state.by) if one in run.robots), None)
+            has_colour = style.is_open or style.symbol == "disc"
+            colour = glyphs.GREY
+            if robot is not None and has_colour:
+                colour = glyphs.robot(run.robots.index(robot))
+            marker = disc(str(key), (state.x, state.y), _ITEM_RADIUS, _FLAT, colour)
+            markers.append(marker if style.is_open else marker._replace(opacity=0.25))
     return markers
 
 

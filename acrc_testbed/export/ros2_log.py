@@ -31,7 +31,7 @@ TYPES: Final = {
     "tf": "tf2_msgs/msg/TFMessage",
     "tf_static": "tf2_msgs/msg/TFMessage",
     "map": "nav_msgs/msg/OccupancyGrid",
-    "places": "visualization_msgs/msg/MarkerArray",
+    "items": "visualization_msgs/msg/MarkerArray",
     "robots": "visualization_msgs/msg/MarkerArray",
     "things": "visualization_msgs/msg/MarkerArray",
     "links": "visualization_msgs/msg/MarkerArray",
@@ -47,7 +47,7 @@ TYPES: Final = {
     "local_costmap": "nav_msgs/msg/OccupancyGrid",
 }
 """Message type of each topic, by the last part of its name."""
-LATCHED: Final = frozenset({"tf_static", "map", "places", "robots", "things"})
+LATCHED: Final = frozenset({"tf_static", "map", "items", "robots", "things"})
 """Topics with durability transient local."""
 _INFINITE: Final = "{sec: 9223372036, nsec: 854775807}"
 _QOS: Final = (

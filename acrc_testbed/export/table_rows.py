@@ -1,47 +1,61 @@
 """Rows of the exported tables."""
 
+import re
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 from acrc_testbed.recordings.run_recordings import all_recordings
-from acrc_testbed.run_model.data import RunData
+from acrc_testbed.run_model.data import RunData, RunDataError
 from acrc_testbed.run_model.frame_outcomes import FrameRow, frame_rows
 from acrc_testbed.run_model.recording_readers import frame_outcomes, messages_on
 from acrc_testbed.run_model.robot_introspection import RobotInternals
 from acrc_testbed.run_model.simulated_runs import read_run
 from actors.messages import TRUTH
+from actors.task.task import TaskDeclaration, Value
+from actors.wording import short_repr
 
 Row = tuple[Any, ...]
 """Cells of a row."""
 Tables = dict[str, list[Row]]
 INTERNALS: Final = ("estimates", "goals", "knowledge", "exchanges", "decisions")
 """Tables of the robots' introspection."""
+_OTHERS: Final = frozenset({"poses", "people", "outcomes", "frames", *INTERNALS})
 
 
-def tables(out: Path) -> Tables:
-    """Return the tables of a simulated run by name; a lean recording lacks some.
+class RunTables(NamedTuple):
+    """Rows of all tables of a run."""
+
+    task: TaskDeclaration
+    rows: Tables
+    """By name of the table; a lean recording lacks some."""
+
+
+def tables(out: Path) -> RunTables:
+    """Return the tables of a simulated run.
 
     Raises RecordingError or RunDataError for an incomplete or damaged folder.
     """
     run, files = read_run(out, internals=True), all_recordings(out)
+    task = run.description.task
     found: Tables = {
         "poses": list(_poses(files["radio"])),
         "people": list(_people(run)),
-        "places": list(_places(run)),
+        items_name(task): list(_items(run)),
         "outcomes": list(_outcomes(run)),
     }
     if run.description.records_frames:
         copies = enumerate(frame_rows(*frame_outcomes(out)))
         found["frames"] = [row for number, one in copies for row in _frame(number, one)]
     if not all(one.is_recorded for one in run.internals):
-        return found
+        return RunTables(task, found)
     found |= {name: [] for name in INTERNALS}
     for one in run.internals:
         head = (one.process.robot, one.process.actor)
         for name, rows in _robot_rows(run, one).items():
             found[name] += [(*row[:2], *head, *row[2:]) for row in rows]
-    return found | {name: sorted(found[name], key=lambda row: int(row[0])) for name in INTERNALS}
+    found |= {name: sorted(found[name], key=lambda row: int(row[0])) for name in INTERNALS}
+    return RunTables(task, found)
 
 
 def _robot_rows(run: RunData, one: RobotInternals) -> Tables:
@@ -129,14 +143,36 @@ def _frame(number: int, one: FrameRow) -> Iterator[Row]:
         yield (*head, copy.robot, copy.outcome, copy.strength_dbm)
 
 
-def _places(run: RunData) -> Iterator[Row]:
-    judged = run.result is not None
-    for one in run.outcomes:
-        yield (
-            one.owner, one.place, one.x, one.y, one.given_at / 1e6, one.verdict.value if judged else None,
-            _seconds(one.reached_at), one.reached_by, _seconds(one.reported_at), one.reported_by,
-            _seconds(one.given_up_at), one.given_up_by, one.reason,
-        )  # fmt: skip
+def items_name(task: TaskDeclaration) -> str:
+    """Return the name of the table of items; "items" if the declared one is unusable as a file's name."""
+    name = task.table
+    return "items" if name in _OTHERS or not re.fullmatch("[a-z][a-z0-9_]{0,39}", name) else name
+
+
+def _items(run: RunData) -> Iterator[Row]:
+    """Yield the rows of the task's items. Raises RunDataError for a value of another type than declared."""
+    columns = run.description.task.columns
+    for number, one in enumerate(run.items):
+        for column in columns:
+            if not _has_type(one.get(column.name), column.type):
+                raise RunDataError(
+                    f"{run.out}: {column.name} of item {number} is {short_repr(one[column.name])}; "
+                    f"must have the declared type {short_repr(column.type)}"
+                )
+        yield tuple(one.get(column.name) for column in columns)
+
+
+def _has_type(value: Value, declared: str) -> bool:
+    match value:
+        case None:
+            return True
+        case bool():
+            return declared == "boolean"
+        case int():
+            return declared in ("integer", "number") and abs(value) < 1 << 63
+        case float():
+            return declared == "number"
+    return declared == "text"
 
 
 def _outcomes(run: RunData) -> Iterator[Row]:
@@ -144,7 +180,3 @@ def _outcomes(run: RunData) -> Iterator[Row]:
     for name, by_robot in outcome.items():
         for robot, value in by_robot.items():
             yield (robot, name, None, value) if isinstance(value, str) else (robot, name, float(value), None)
-
-
-def _seconds(instant: int | None) -> float | None:
-    return None if instant is None else instant / 1e6

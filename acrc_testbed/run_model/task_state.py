@@ -1,6 +1,6 @@
 """Robots' reports about items of the task, and the state of all items over time."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from itertools import groupby
 from operator import itemgetter
 from typing import NamedTuple
@@ -8,7 +8,7 @@ from typing import NamedTuple
 from acrc_testbed.run_model.data import ItemEvent, Route, RunData, RunDescription
 from actors.instant import in_seconds
 from actors.items import ItemKey
-from actors.messages import Drive, ItemMark
+from actors.messages import Drive, ItemMark, TaskEvent
 
 Routes = dict[str, frozenset[ItemKey]]
 """Items that each robot intends to do."""
@@ -121,3 +121,20 @@ class ItemTable:
                 holders = tuple(robot for robot, keys in self._routes.items() if key in keys)
                 self.states[key] = changed[key] = state._replace(holders=holders)
         return changed
+
+
+class FirstEvents:
+    """First events of each kind about each item, in order of time."""
+
+    def __init__(self) -> None:
+        self._known: set[tuple[str, ItemKey]] = set()
+
+    def take(self, events: Iterable[TaskEvent]) -> list[TaskEvent]:
+        """Return the events of the next part without repeated ones."""
+        found = []
+        for one in events:
+            if one.key is None or (one.kind, one.key) not in self._known:
+                found.append(one)
+                if one.key is not None:
+                    self._known.add((one.kind, one.key))
+        return found

@@ -13,33 +13,35 @@ from acrc_testbed.run_model.frame_outcomes import (
     outcome_name,
     outcome_rates,
 )
-from acrc_testbed.run_model.place_reports import first_reports
 from acrc_testbed.run_model.robot_introspection import Floats
-from actors.items import ItemKey
+from acrc_testbed.run_model.task_state import FirstEvents
+from actors.instant import in_seconds
+from actors.messages import TaskEvent
 from actors.observer import panels
 from actors.observer.canvas import Canvas
 from actors.observer.glyphs import GREY, OUTCOME_COLOURS, WHITE
 from actors.observer.panels import DrawnEvent, LaneActivity
 from actors.radio.medium.state import Outcome
+from actors.runtime.errors import printable
 
 
 class RunEventTexts:
     """Event texts of a run."""
 
     def __init__(self) -> None:
-        self._known: set[ItemKey] = set()
+        self._first = FirstEvents()
         self._notes: set[str] = set()
         self._initialised: set[str] = set()
 
     def events(self, run: RunData) -> Iterator[DrawnEvent]:
         """Yield the events of a run, or of its next part."""
-        for event in first_reports(run.reported, self._known):
-            own = "" if event.place.owner == event.robot else f", adopted from {event.place.owner}"
-            yield DrawnEvent(event.second, event.robot, f"cleaned {place_name(event.place)}{own}")
+        for one in self._first.take(run.task_events):
+            words = printable(", ".join(_event_words(one, run.robots)))
+            yield DrawnEvent(in_seconds(one.instant), one.robot, words)
         for event in run.given_up:
-            yield DrawnEvent(event.second, event.robot, f"gives up {place_name(event.place)}", "ERROR")
+            yield DrawnEvent(event.second, event.robot, f"gives up {printable(str(event.key))}", "ERROR")
         for event in run.taken_over:
-            yield DrawnEvent(event.second, event.robot, f"adopts {place_name(event.place)}", "WARN")
+            yield DrawnEvent(event.second, event.robot, f"adopts {printable(str(event.key))}", "WARN")
         for robot, track in run.trajectories.items():
             for second, state in track.states:
                 if state or robot in self._initialised:
@@ -53,9 +55,14 @@ class RunEventTexts:
                 yield DrawnEvent(run.since, "", note, "WARN")
 
 
-def place_name(place: ItemKey) -> str:
-    """Return a place's name such as "r1/3"."""
-    return f"{place.owner}/{place.place}"
+def _event_words(event: TaskEvent, robots: Sequence[str]) -> Iterator[str]:
+    """Yield the parts of a description such as "cleaned r1/3, adopted from r1"."""
+    kind = event.kind or "goes on"
+    yield kind if event.key is None else f"{kind} {event.key}"
+    if event.owner in robots and event.owner != event.robot:
+        yield f"adopted from {event.owner}"
+    if event.text:
+        yield event.text
 
 
 _PLOT_S: Final = 0.5
@@ -64,7 +71,7 @@ _BIN_S: Final = 5.0
 """Length of a bin of copies, s."""
 _NEVER: Final = -1e9
 _SPREAD: Final = {"mean_per_robot": WHITE, "percentile_10": GREY, "percentile_90": GREY}
-"""Lines of places done if there are too many robots for one line each."""
+"""Lines of items done if there are too many robots for one line each."""
 
 
 class Plots:
@@ -74,7 +81,7 @@ class Plots:
         """Set up the lines; `true`: the run has ground truth, `batteries`: it simulates batteries."""
         self._canvas, self._true, self._batteries = canvas, true, batteries
         self._done = dict.fromkeys(canvas.robots, 0)
-        self._known: set[ItemKey] = set()
+        self._first = FirstEvents()
         self._last: dict[str, tuple[float, float, float]] = {}
         """Last point of each robot's plots: time, s, and position, m."""
         self._pairs: set[int] = set()
@@ -85,15 +92,17 @@ class Plots:
         self._many = not canvas.is_small_swarm
         lines = _SPREAD if self._many else {robot: canvas.colour(robot) for robot in canvas.robots}
         for name, colour in lines.items():
-            panels.set_line_style(canvas, f"plots/places/{name}", name.replace("_", " "), colour, steps=True)
+            panels.set_line_style(canvas, f"plots/items/{name}", name.replace("_", " "), colour, steps=True)
         for robot in canvas.robots:
             for name in ("speed", *["error"] * true, *["charge"] * batteries):
                 panels.set_line_style(canvas, f"plots/{name}/{robot}", robot, canvas.colour(robot))
 
     def extend(self, run: RunData) -> None:
         """Draw a run or its next part."""
-        first = sorted(first_reports(run.reported, self._known), key=lambda event: event.second)
-        ends = [run.since, *(event.second for event in first), max([run.end, *(d.second for d in first)])]
+        new = self._first.take(run.task_events)
+        first = [one for one in new if one.kind == run.description.task.done]
+        seconds = [max(run.since, in_seconds(one.instant)) for one in first]
+        ends = [run.since, *seconds, max([run.end, *seconds])]
         rows = [list(self._done.values())]
         for event in first:
             self._done[event.robot] += 1
@@ -101,7 +110,7 @@ class Plots:
         counts = np.array([*rows, rows[-1]], np.float64)
         lines = _spread_lines(counts) if self._many else dict(zip(self._done, counts.T, strict=True))
         for name, values in lines.items():
-            panels.draw_line(self._canvas, f"plots/places/{name}", ends, values)
+            panels.draw_line(self._canvas, f"plots/items/{name}", ends, values)
         for robot, track in run.trajectories.items():
             self._draw_motion(robot, track)
         if self._batteries:
@@ -183,7 +192,7 @@ class Plots:
 
 
 def _spread_lines(counts: Floats) -> dict[str, Floats]:
-    """Return mean and percentiles, (n,) each, of places done, (n, robots)."""
+    """Return mean and percentiles, (n,) each, of items done, (n, robots)."""
     low, high = np.percentile(counts, [10, 90], axis=1)
     return dict(zip(_SPREAD, (counts.mean(axis=1), low, high), strict=True))
 

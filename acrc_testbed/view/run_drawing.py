@@ -11,7 +11,6 @@ from acrc_testbed.explanation.time_spent import Cause
 from acrc_testbed.run_model.data import RunData
 from acrc_testbed.run_model.floor import door_cells
 from acrc_testbed.run_model.frame_outcomes import LOSSES, FrameCopies, outcome_name
-from acrc_testbed.run_model.place_reports import PlaceTable
 from acrc_testbed.run_model.recording_readers import NO_FRAMES
 from acrc_testbed.run_model.robot_introspection import (
     NOT_RECORDED,
@@ -20,15 +19,16 @@ from acrc_testbed.run_model.robot_introspection import (
     RobotInternals,
     StepCommit,
 )
-from acrc_testbed.view.plots import Plots, PositionHistory, RobotLane, RunEventTexts, place_name
+from acrc_testbed.run_model.task_state import ItemTable
+from acrc_testbed.view.plots import Plots, PositionHistory, RobotLane, RunEventTexts
 from actors.installation.usage import wrong_value
 from actors.introspection import DecisionRecord
 from actors.observer import floor_drawing, layout, panels, robots
 from actors.observer.canvas import Canvas
-from actors.observer.floor_drawing import draw_places
 from actors.observer.glyphs import OUTCOME_COLOURS
 from actors.observer.panels import DrawnEvent, KnowledgeExchange, LaneActivity
 from actors.radio.medium.state import Outcome
+from actors.runtime.errors import printable
 
 _LINE_S: Final = 0.5
 """Interval between lines to a destination, s."""
@@ -192,7 +192,7 @@ class RunDrawing:
         self._recorded: set[str] = set()
         """Robots whose introspection is recorded."""
         self._outside = {robot: ObservedActivity(robot) for robot in run.robots}
-        self._places = PlaceTable()
+        self._items = ItemTable()
         description = run.description
         self._plots = Plots(canvas, true=description.has_truth, batteries=description.has_batteries)
         self._event_texts = RunEventTexts()
@@ -203,7 +203,7 @@ class RunDrawing:
         self._copies_since = 0.0
         self._exchanges: list[KnowledgeExchange] = []
         floor_drawing.draw_floor(canvas, run.grid, door_cells(run.grid, run.description.radius))
-        floor_drawing.draw_marks(canvas)
+        floor_drawing.draw_legend(canvas, run.description.task)
         floor_drawing.draw_lines(canvas, "copies", OUTCOME_COLOURS)
         robots.set_radio_style(canvas)
         for robot in run.robots:
@@ -211,7 +211,7 @@ class RunDrawing:
             floor_drawing.set_goal_style(canvas, robot)
 
     def draw_recorded(self, run: RunData) -> None:
-        """Draw robots, trails, places, links, plots and events."""
+        """Draw robots, trails, items, links, plots and events."""
         canvas = self._canvas
         for robot, track in run.trajectories.items():
             known = np.isfinite(track.poses[:, 0])
@@ -226,7 +226,7 @@ class RunDrawing:
             robots.draw_people(canvas, run.seconds, run.people)
         for second, objects in run.floor:
             floor_drawing.draw_things(canvas, second, objects)
-        self._draw_places(run)
+        self._draw_items(run)
         self._draw_links(run)
         self._plots.extend(run)
         panels.draw_events(canvas, "recorded", list(self._event_texts.events(run)))
@@ -295,7 +295,7 @@ class RunDrawing:
         """Draw deadlocks by ground truth."""
         found: dict[str, list[tuple[float, float]]] = {}
         for one in cause_intervals(run):
-            if one.cause is Cause.DEADLOCK:
+            if one.cause == Cause.DEADLOCK:
                 found.setdefault(one.robot, []).append((one.begin, one.end))
         for robot, intervals in found.items():
             self._lanes[robot].set_deadlocks(intervals)
@@ -312,12 +312,12 @@ class RunDrawing:
         panels.draw_ensembles(self._canvas, self._exchanges, _LASTING, since)
         self._exchanges = [one for one in self._exchanges if one.second + 2 * _LASTING > since]
 
-    def _draw_places(self, run: RunData) -> None:
-        """Draw an owner's places at each change of their status."""
-        for change in self._places.extend(run):
+    def _draw_items(self, run: RunData) -> None:
+        """Draw an owner's items at each change of their state."""
+        for change in self._items.extend(run):
             for owner in sorted({key.owner for key in change.states}):
-                intervals = [state for key, state in self._places.states.items() if key.owner == owner]
-                draw_places(self._canvas, owner, change.second, intervals)
+                items = [state for key, state in self._items.states.items() if key.owner == owner]
+                floor_drawing.draw_items(self._canvas, run.description.task, owner, change.second, items)
 
     def _draw_links(self, run: RunData) -> None:
         canvas = self._canvas
@@ -336,11 +336,11 @@ class RunDrawing:
 
     def _draw_adoptions(self, run: RunData) -> None:
         for event in run.taken_over:
-            if self._is_full(event.robot) and event.place.place < len(run.places.get(event.place.owner, ())):
-                point = run.places[event.place.owner][event.place.place]
+            state = self._items.states.get(event.key)
+            if self._is_full(event.robot) and state is not None:
                 x, y = self._paths[event.robot].at(np.array([event.second]))[0].tolist()
                 floor_drawing.draw_adoption(
-                    self._canvas, event.robot, event.second, (x, y), point, place_name(event.place)
+                    self._canvas, event.robot, event.second, (x, y), state[:2], printable(str(event.key))
                 )
 
 
@@ -359,8 +359,9 @@ def arrangement(run: RunData, detailed: Sequence[str]) -> layout.ViewerContents:
     """Return the arrangement of the window for a run."""
     description = run.description
     return layout.ViewerContents(
-        run.grid, run.robots, detailed, run.end, description.has_truth, description.has_batteries
-    )
+        run.grid, run.robots, detailed, run.end, description.has_truth, description.has_batteries,
+        printable(description.task.items),
+    )  # fmt: skip
 
 
 def _multiples(period: float, since: float, end: float) -> Floats:

@@ -83,6 +83,8 @@ class Column(NamedTuple):
     type: str
     """"text", "integer", "number" or "boolean"."""
     description: str
+    exported: str = ""
+    """Name in tables of `acrc export`; empty: as `name`."""
 
 
 class TaskDeclaration(msgspec.Struct, frozen=True):
@@ -97,7 +99,7 @@ class TaskDeclaration(msgspec.Struct, frozen=True):
     items: str
     """Plural noun."""
     done: str
-    """Participle for an item that is done, such as "cleaned"."""
+    """Participle for an item that is done, such as "cleaned"; also the kind of the event that counts it."""
     metrics: tuple[Metric, ...]
     """At least one with a rank. `column` is a name in `TaskOutcome.values`."""
     marks: Mapping[str, MarkStyle] = {}

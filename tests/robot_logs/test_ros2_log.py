@@ -139,9 +139,9 @@ def test_the_file_has_what_rosbag2_needs(ros2_file: Path) -> None:
             assert (qos["durability"], qos["depth"]) in {(1, 1), (2, 10)}
             if qos["durability"] == 1:
                 latched.add(channel.topic)
-        assert latched == {"/map", "/tf_static", "/places", "/robots", "/things"}
+        assert latched == {"/map", "/tf_static", "/items", "/robots", "/things"}
         found = {one.topic: summary.schemas[one.schema_id].name for one in summary.channels.values()}
-        shared = ("tf", "tf_static", "map", "places", "robots", "things", "links", "rosout")
+        shared = ("tf", "tf_static", "map", "items", "robots", "things", "links", "rosout")
         assert found == {f"/{name}": TYPES[name] for name in shared} | {
             f"/{robot}/{name}": TYPES[name] for robot in ("r1", "r2") for name in TYPES.keys() - set(shared)
         }
@@ -277,12 +277,12 @@ def test_orders_add_and_remove_floor_objects(ros2: Log) -> None:
     assert math.dist(middle, (12.5, 9.4)) < 0.6
 
 
-def test_places_and_bodies_are_in_the_robots_colours_and_states(ros2: Log, evidence: RunData) -> None:
-    places = shapes(ros2, "/places")[0.0]
-    wanted = [place for places in evidence.description.own_places.values() for place in places]
-    assert [(one.pose.position.x, one.pose.position.y) for one in places] == wanted
-    assert [one.ns for one in places] == ["r1"] * 3 + ["r2"] * 3
-    red, orange = places[0].color, places[-1].color
+def test_items_and_bodies_are_in_the_robots_colours_and_states(ros2: Log, evidence: RunData) -> None:
+    items = shapes(ros2, "/items")[0.0]
+    wanted = [(mark.x, mark.y) for second, mark in evidence.marks if second == 0.0]
+    assert [(one.pose.position.x, one.pose.position.y) for one in items] == wanted
+    assert [one.ns for one in items] == ["r1"] * 3 + ["r2"] * 3
+    red, orange = items[0].color, items[-1].color
     assert (red.r, red.b) == (0.0, pytest.approx(178 / 255)) and orange.r == pytest.approx(213 / 255)
     opacity = {
         second: {one.ns: one.color.a for one in found if one.type == CYLINDER}
