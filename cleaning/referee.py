@@ -132,7 +132,8 @@ class Referee(Judge):
         super().__init__()
         self._ids = setup.robots
         self._grid = setup.grid
-        self._has_truth = setup.world is not None
+        self._has_truth = setup.has_truth
+        self._in_simulation = setup.world is not None
         self._keys = [ItemKey(robot, n) for robot in setup.robots for n in range(len(setup.items[robot]))]
         self._number_of_key = {(key.owner, key.number): number for number, key in enumerate(self._keys)}
         points = [place for robot in setup.robots for place in setup.items[robot]]
@@ -257,7 +258,8 @@ class Referee(Judge):
             for robot in self._ids
         }
         rows = tuple(place.row() for place in places)
-        return TaskOutcome(_summary(values, end), values, robots, rows, tuple(_notes(values)))
+        clock = " of simulated time" if self._in_simulation else ""
+        return TaskOutcome(_summary(values, end, clock), values, robots, rows, tuple(_notes(values)))
 
     def places(self, present: Collection[str]) -> Iterator[PlaceOutcome]:
         """Yield the current state of every place, in the order of the robots and their lists."""
@@ -322,26 +324,27 @@ def place_values(places: Sequence[PlaceOutcome], *, has_truth: bool = True) -> d
         "completion_s": last if done == len(places) else None,
         "settled_s": in_seconds(max(settled, default=0)) if len(settled) == len(places) else None,
         "last_reached_s": last if reported else None,
+        **({} if has_truth else {"places_reported": len(reported)}),
     }
 
 
 def robot_values(places: Iterable[PlaceOutcome], *, has_truth: bool = True) -> dict[str, Value]:
     """Count the places of one robot."""
     counts = place_values([*places], has_truth=has_truth)
-    return {name: counts[name] for name in _ROBOT_VALUES}
+    return {name: counts[name] for name in (*_ROBOT_VALUES, "places_reported") if name in counts}
 
 
-def _summary(values: Mapping[str, Any], end: Instant) -> str:
+def _summary(values: Mapping[str, Any], end: Instant, clock: str) -> str:
     total, done = values["places_total"], values["places_done"]
     if not total:
         return "had no places to clean"
     if done is None:
         return f"reported {values['places_claimed']} of {total} places as cleaned"
     if values["completion_s"] is not None:
-        return f"cleaned all {total} places in {seconds_text(values['completion_s'])} s of simulated time"
+        return f"cleaned all {total} places in {seconds_text(values['completion_s'])} s{clock}"
     left = total - done
     return (
-        f"cleaned {done} of {total} places in {seconds_text(in_seconds(end))} s of simulated time; "
+        f"cleaned {done} of {total} places in {seconds_text(in_seconds(end))} s{clock}; "
         f"{left} {'is' if left == 1 else 'are'} left"
     )
 

@@ -69,6 +69,7 @@ class Cleaning(Task):
         baseline="none",
         cells={
             "places cleaned": ("places_done", "places_total"),
+            "reported": ("places_reported", "places_total"),
             "given up": ("places_given_up",),
             "finished at": ("completion_s",),
         },

@@ -5,6 +5,7 @@ import os
 import re
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Final, NamedTuple, TypeVar
@@ -43,6 +44,7 @@ from actors.runtime.recording import (
     read_recording,
 )
 from actors.runtime.replay_bus import topic_of
+from actors.task.loading import DEFAULT
 from actors.topic import Message, Topic
 from firmware_bridge.onboard.base_core import BaseReport
 
@@ -68,7 +70,7 @@ class RobotIdentity(msgspec.Struct, frozen=True):
     epoch: int
     address: int
     step_us: int
-    items: tuple[Any, ...]
+    items: tuple[Any, ...] = ()
 
 
 class Tick(NamedTuple):
@@ -224,10 +226,23 @@ class FieldTrialError(AcrcError):
     """Recordings that are not those of one field trial."""
 
 
-class _BaseSetup(msgspec.Struct, frozen=True):
-    """Part of the set-up in the recording of a robot's base."""
+class RecordedTask(msgspec.Struct, frozen=True):
+    """Task of a field trial, as far as recordings name it; its code is never loaded from their folder."""
 
-    id: str
+    use: str = DEFAULT
+    """Name, or entry `module:Class`."""
+    settings: dict[str, Any] = {}
+
+
+UNNAMED_TASK: Final = RecordedTask()
+"""Task of recordings that name none."""
+
+
+class _BaseSetup(msgspec.Struct, frozen=True):
+    """Part of the set-up in the recording of a robot's base; a world's has a task, too."""
+
+    id: str = ""
+    task: RecordedTask | None = None
 
 
 @dataclass
@@ -240,6 +255,8 @@ class FieldTrial:
     """Histogram of lateness by robot, over all starts of its base."""
     overruns: Counter[str]
     """Skipped steps by robot."""
+    task: RecordedTask = UNNAMED_TASK
+    """From the set-up of a base, or of a world."""
     notes: list[str] = field(default_factory=list)
     """Faults of the files, a sentence each."""
 
@@ -273,6 +290,7 @@ def read_field_trial(folders: Sequence[Path]) -> FieldTrial:
             f"{', '.join(map(str, folders))}: no recording of a robot, such as r2.mcap{damaged}"
         )
     _check_unique(robots)
+    trial.task = _recorded_task(other_recordings)
     full_messages: dict[bytes, bytes] = {}
     for path, run in other_recordings:
         full_messages |= large_messages(path, LARGE)
@@ -348,6 +366,22 @@ def _check_unique(robots: Sequence[tuple[Path, RobotIdentity]]) -> None:
                 f"{first} and {path}: two recordings of {identity.id} in epoch {identity.epoch}; "
                 "give one of each epoch, from one field trial"
             )
+
+
+def _recorded_task(recordings: Sequence[tuple[Path, RunNote]]) -> RecordedTask:
+    """Return the task of a field trial. Raises FieldTrialError if recordings name different ones."""
+    found: dict[str, tuple[Path, RecordedTask]] = {}
+    for path, run in recordings:
+        with suppress(ValueError, RecursionError):
+            if task := msgspec.json.decode(run.setup, type=_BaseSetup).task:
+                found.setdefault(task.use, (path, task))
+    if len(found) > 1:
+        (first, one), (second, other) = list(found.values())[:2]
+        raise FieldTrialError(
+            f"{first} and {second}: recordings of the tasks {one.use!r} and {other.use!r}; "
+            "the recordings must be of one field trial"
+        )
+    return next((task for _, task in found.values()), UNNAMED_TASK)
 
 
 def _add_base_counters(path: Path, run: RunNote, trial: FieldTrial) -> None:

@@ -106,7 +106,7 @@ def _result_table(result: RunResult) -> Table:
     """Return a row per robot and one for all; columns without values are left out."""
     cells: dict[str, Callable[[RobotResult | RunResult], str]] = {}
     for title, names in result.declaration.cells.items():
-        if any(result.task.get(name) for name in names):
+        if result.task.get(names[0]) is not None and any(result.task.get(name) for name in names):
             cells[printable(title)] = partial(_task_cell, names)
     if not result.is_simulated:
         cells["sent"] = lambda result: str(result.frames["frames_sent"])
@@ -151,6 +151,8 @@ def _clock(part: RobotResult | RunResult) -> str:
 def _robots_text(result: RunResult) -> str:
     """Return the subject of a sentence: the robots, with strategy and navigation."""
     robots = "1 robot" if result.robots == 1 else f"{result.robots} robots"
+    if not result.is_simulated:
+        return robots
     by = f" with strategy {printable(result.origin.strategy)}" if result.origin.strategy else ""
     if by and result.origin.navigation:
         by += f" and navigation {printable(result.origin.navigation)}"

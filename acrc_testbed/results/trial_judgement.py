@@ -1,19 +1,25 @@
 """Judgement of a field trial: the task's judge run over the robots' recorded reports."""
 
-from collections.abc import Iterator
+from collections import deque
+from collections.abc import Iterator, Mapping, Sequence
 from operator import attrgetter
-from typing import Any, Final, NamedTuple
+from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 import msgspec
+import numpy as np
+from numpy.typing import NDArray
 
 from acrc_testbed.results.clocks import AlignedClocks
-from acrc_testbed.results.field_recordings import FieldTrial, Moment, RobotLog
+from acrc_testbed.results.field_recordings import FieldTrial, FieldTrialError, Moment, RobotLog
 from actors.instant import Duration, Instant, seconds
-from actors.items import ItemGivenUp, ItemKey
+from actors.items import ItemGivenUp, ItemKey, TaskLimits, task_reports_fault
 from actors.messages import Drive, TaskChanged
 from actors.settings import decode
-from actors.task.loading import DEFAULT, decode_items, decode_reports, load_task, task_setup
-from actors.task.task import JudgeSetup, TaskDeclaration, TaskError, TaskOutcome
+from actors.task.loading import decode_items, decode_reports, load_task, task_setup
+from actors.task.task import Judge, JudgeSetup, Task, TaskDeclaration, TaskError, TaskOutcome
+
+if TYPE_CHECKING:
+    from firmware_bridge.laboratory.laboratory import LaboratoryResult
 
 _SWITCH_OFF: Final[Duration] = seconds(30)
 """Robots that stopped at most so long before the last one count as running at the end, because they are
@@ -31,98 +37,162 @@ class TrialJudgement(NamedTuple):
     """Sentences on unknown data."""
 
 
-class _Answer(NamedTuple):
-    """Part of a robot's reports of a step, with instants by the clock of the trial."""
+class _AnswerPart(NamedTuple):
+    """One report of a robot, or its route: a part of its answer to a step."""
 
     reports: tuple[Any, ...] = ()
     given_up: tuple[ItemGivenUp, ...] = ()
     route: tuple[ItemKey, ...] | None = None
 
 
-class _Step(NamedTuple):
-    begin: int
-    """µs since the start of the trial."""
+class _TimedPart(NamedTuple):
+    """Part of an answer to the step from `begin` to `end`; instants since the start of the trial, µs."""
+
+    instant: int
     robot: str
-    log: RobotLog
-    tick: int
-    drive: Drive | None
-    """None: a restarted process begins."""
+    part: _AnswerPart | None
+    """None: the robot has been restarted."""
+    begin: int = 0
+    end: int = 0
 
 
-def judge_reports(trial: FieldTrial, clocks: AlignedClocks, name: str = DEFAULT) -> TrialJudgement:
-    """Run the judge of a task over the reports of all robots. Raises TaskError."""
-    task = load_task(name)
-    declaration = task_setup(name, {}).declaration
+def judge_reports(
+    trial: FieldTrial, clocks: AlignedClocks, truth: "LaboratoryResult | None" = None
+) -> TrialJudgement:
+    """Run the judge of the trial's task over the robots' reports, and over true positions if they are known.
+
+    Raises AcrcError for a task that is neither installed nor permitted, and FieldTrialError for the ground
+    truth of another field trial.
+    """
+    task, setup = load_task(trial.task.use), task_setup(trial.task.use, trial.task.settings)
+    items = {robot: _items(task, logs[0]) for robot, logs in trial.logs.items()}
     judge = task.judge(
         JudgeSetup(
-            robots=tuple(trial.logs),
-            items={robot: decode_items(task, logs[0].identity.items) for robot, logs in trial.logs.items()},
-            settings=decode(task.settings, {}, declaration.table),
+            robots=tuple(items),
+            items=items,
+            settings=decode(task.settings, setup.settings, setup.declaration.table),
             duration_us=clocks.span,
+            has_truth=truth is not None,
         )
     )
-    changes, invalid = [(0, TaskChanged(0, *judge.take_changes()))], 0
-    for step in sorted(_steps(trial, clocks), key=attrgetter("begin")):
-        if step.drive is None:
-            judge.restart(step.robot)
-            continue
-        try:
-            reports = decode_reports(task, step.drive).reports
-        except TaskError:
-            reports, invalid = (), invalid + 1
-        end = step.begin + step.log.identity.step_us
-        for part in _parts(step, reports, clocks, end):
-            invalid += judge.take(step.robot, part, step.begin, end) is not None
+    faults: list[str] = []
+    parts = sorted(_parts(trial, clocks, task, faults), key=attrgetter("instant"))
+    positions = deque(() if truth is None else _true_positions(truth, clocks, tuple(items)))
+    changes: list[tuple[int, TaskChanged]] = []
+    for part in (*parts, None):
+        now = clocks.span if part is None else part.instant
+        while positions and positions[0][0] <= now:
+            judge.watch(*positions.popleft())
+        if part is not None and (fault := _take(judge, part, items)):
+            faults.append(f"{part.robot} {fault}")
+        if part is None:  # its outcome may show final marks
+            outcome = judge.outcome(_running_at_end(trial, clocks), Instant(clocks.span))
         if any(changed := judge.take_changes()):
-            changes.append((step.begin, TaskChanged(step.drive.step, *changed)))
-    outcome = judge.outcome(_present(trial, clocks), Instant(clocks.span))
-    changes.append((clocks.span, TaskChanged(0, *judge.take_changes())))
-    notes = (f"{invalid} reports were about {declaration.items} that do not exist, and are left out",)
-    return TrialJudgement(declaration, outcome, tuple(changes), notes if invalid else ())
+            changes.append((now, TaskChanged(0, *changed)))
+    notes = [f"{len(faults)} reports are left out; the first: {faults[0]}"] if faults else []
+    if truth is not None and truth.lost_ms:
+        notes.append(f"the emulation fell behind, so the true instants are early by up to {truth.lost_ms} ms")
+    return TrialJudgement(setup.declaration, outcome, tuple(changes), tuple(notes))
 
 
-def _steps(trial: FieldTrial, clocks: AlignedClocks) -> Iterator[_Step]:
-    """Yield the robots' answers with reports, and their restarts."""
+def _items(task: Task, log: RobotLog) -> tuple[Any, ...]:
+    try:
+        return decode_items(task, log.identity.items)
+    except TaskError as error:
+        raise FieldTrialError(f"{log.path}: the robot has {error}") from None
+
+
+def _parts(trial: FieldTrial, clocks: AlignedClocks, task: Task, faults: list[str]) -> Iterator[_TimedPart]:
+    """Yield the parts of all answers, of each robot in order; append the faults of invalid ones."""
     for robot, logs in trial.logs.items():
-        for number, log in enumerate(logs):
-            begins = [
-                clocks.instant(log, Moment(index, tick.instant)) - clocks.begin
-                for index, tick in enumerate(log.ticks)
-            ]
-            if number and begins:
-                yield _Step(begins[0], robot, log, 0, None)
+        for number, log in enumerate(log for log in logs if log.ticks):
+            if number:
+                start = clocks.instant(log, Moment(0, log.ticks[0].instant)) - clocks.begin
+                yield _TimedPart(start, robot, None)
             for tick, drive in log.messages_of(Drive):
-                if drive.reports or drive.given_up or drive.route is not None:
-                    yield _Step(begins[tick], robot, log, tick, drive)
+                yield from _answer_parts(log, tick, drive, clocks, task, faults)
 
 
-def _parts(step: _Step, reports: tuple[Any, ...], clocks: AlignedClocks, end: int) -> Iterator[_Answer]:
-    """Yield each report, each item given up and the route by itself, so that a faulty one hides no other."""
+def _answer_parts(
+    log: RobotLog, tick: int, drive: Drive, clocks: AlignedClocks, task: Task, faults: list[str]
+) -> Iterator[_TimedPart]:
+    begin, robot = log.ticks[tick].instant, log.identity.id
+    end = max((begin + log.identity.step_us, *(one.instant for one in log.ticks[tick + 1 : tick + 2])))
 
-    def shifted(report: Any) -> Any:
-        if not isinstance(instant := getattr(report, "instant", None), int):
-            return report
-        at = clocks.instant(step.log, Moment(step.tick, instant)) - clocks.begin
-        return msgspec.structs.replace(report, instant=min(max(at, step.begin), end - 1))
+    def since_start(instant: int) -> int:
+        return clocks.instant(log, Moment(tick, instant)) - clocks.begin
 
-    drive = step.drive
-    assert drive is not None
-    yield from (_Answer(reports=(shifted(one),)) for one in reports)
-    yield from (_Answer(given_up=(shifted(one),)) for one in drive.given_up)
+    def with_instant(report: Any) -> Any:
+        own = getattr(report, "instant", None)
+        return msgspec.structs.replace(report, instant=since_start(own)) if type(own) is int else report
+
+    latest, span = since_start(begin), (since_start(begin), since_start(end) + 1)
+    for part in _split(drive):
+        try:
+            if fault := task_reports_fault(part, begin, end, TaskLimits()):
+                raise TaskError(fault)
+            reports = tuple(map(with_instant, decode_reports(task, part).reports))
+        except TaskError as error:
+            faults.append(f"{robot} {error}")
+            continue
+        given_up = tuple(map(with_instant, part.given_up))
+        instant = next((getattr(one, "instant", latest) for one in (*reports, *given_up)), latest)
+        latest = max(latest, instant)
+        yield _TimedPart(instant, robot, _AnswerPart(reports, given_up, part.route), *span)
+
+
+def _split(drive: Drive) -> Iterator[_AnswerPart]:
+    """Yield the parts of an answer, of which one may be invalid."""
+    yield from (_AnswerPart(reports=(report,)) for report in drive.reports)
+    yield from (_AnswerPart(given_up=(one,)) for one in drive.given_up)
     if drive.route is not None:
-        yield _Answer(route=drive.route)
+        yield _AnswerPart(route=drive.route)
 
 
-def _present(trial: FieldTrial, clocks: AlignedClocks) -> tuple[str, ...]:
+def _take(judge: Judge, one: _TimedPart, items: Mapping[str, Sequence[Any]]) -> str | None:
+    """Pass a part to the judge; return its fault, None if valid."""
+    if one.part is None:
+        judge.restart(one.robot)
+        return None
+    fault = judge.take(one.robot, one.part, one.begin, one.end)
+    if fault is None or one.part.route is None:
+        return fault
+    known = tuple(key for key in one.part.route if 0 <= key.number < len(items.get(key.owner, ())))
+    return judge.take(one.robot, _AnswerPart(route=known), one.begin, one.end)
+
+
+def _running_at_end(trial: FieldTrial, clocks: AlignedClocks) -> tuple[str, ...]:
     """Return the robots that were running at the end."""
     ends = {
-        robot: max(
-            clocks.instant(log, Moment(len(log.ticks) - 1, log.ticks[-1].instant))
-            for log in logs
-            if log.ticks
-        )
+        robot: clocks.instant(log, Moment(len(log.ticks) - 1, log.ticks[-1].instant))
         for robot, logs in trial.logs.items()
-        if any(log.ticks for log in logs)
+        for log in logs
+        if log.ticks
     }
     latest = max(ends.values())
     return tuple(robot for robot, end in ends.items() if latest - end <= _SWITCH_OFF)
+
+
+def _true_positions(
+    truth: "LaboratoryResult", clocks: AlignedClocks, robots: Sequence[str]
+) -> Iterator[tuple[Instant, NDArray[np.float64]]]:
+    """Yield instants since the start of the trial, and the true positions of its robots, (n, 2) m.
+
+    Devices are emulated on the robots' machine, so they share the reference robot's clock. Raises
+    FieldTrialError if the emulation is not of this field trial.
+    """
+    ahead = truth.began_us - clocks.begin
+    if not -(truth.simulated_s * 1e6 + truth.lost_ms * 1e3) <= ahead <= clocks.span:
+        raise FieldTrialError(
+            f"--truth: the emulation began {ahead / 1e6:.0f} s after the field trial and lasted "
+            f"{truth.simulated_s:.0f} s; give the result of the same field trial"
+        )
+    if missing := [robot for robot in robots if robot not in truth.robots]:
+        raise FieldTrialError(f"--truth: there is no {missing[0]}; give the result of the same field trial")
+    columns = [[*truth.robots].index(robot) for robot in robots]
+    size = 8 * len(truth.robots)
+    known = np.frombuffer(truth.positions, "<f4", 2 * len(truth.robots) * (len(truth.positions) // size))
+    for number, positions in enumerate(known.reshape(-1, len(truth.robots), 2)[:, columns].astype(np.float64)):
+        instant = ahead + number * truth.sample_us
+        if instant > -truth.sample_us:
+            yield Instant(max(0, instant)), positions

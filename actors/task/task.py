@@ -184,7 +184,9 @@ class JudgeSetup:
     duration_us: int = 0
     """Longest duration of the run."""
     world: TaskWorld | None = None
-    """None on hardware, where there is no ground truth either."""
+    """None on hardware."""
+    has_truth: bool = True
+    """False: `watch` is never called, and reports cannot be verified; on hardware without emulated devices."""
 
 
 class Judge:

@@ -36,7 +36,9 @@ from actors.robot_model import load_model
 from actors.runtime.errors import AcrcError
 from actors.runtime.isolation import sandbox
 from actors.runtime.isolation.tls import load_keys
+from actors.task.loading import decode_items, load_task
 from actors.user_code import set_folders
+from actors.wording import toml_text
 from deploy.fleet import units
 from deploy.fleet.fleet_file import Fleet, FleetRobot, load_fleet, user_code_folders
 from deploy.fleet.units import GROUP
@@ -275,7 +277,7 @@ def _missing_port(path: str, device: PortDevice) -> str:
 
 
 def check_floor(fleet: Fleet, robot: FleetRobot) -> Iterator[DoctorFinding]:
-    """Check that the map loads and that start and places are on free floor."""
+    """Check that the map loads and that start and items of the task fit it."""
     try:
         grid = load_map(fleet.map)
         radii = {one.id: load_model(one.model, one.sensor).footprint.circumradius for one in fleet.robots}
@@ -285,7 +287,7 @@ def check_floor(fleet: Fleet, robot: FleetRobot) -> Iterator[DoctorFinding]:
     width, height = grid.columns * grid.resolution, grid.rows * grid.resolution
     yield DoctorFinding("map", True, f"{fleet.map}: {width:.1f} m by {height:.1f} m")
     yield run_check("start", _check_start, fleet, robot, grid, radii)
-    yield run_check("places", _check_places, robot, grid)
+    yield run_check(fleet.table, _check_items, fleet, robot, grid)
 
 
 def _check_start(fleet: Fleet, robot: FleetRobot, grid: OccupancyGrid, radii: Mapping[str, float]) -> str:
@@ -300,11 +302,12 @@ def _check_start(fleet: Fleet, robot: FleetRobot, grid: OccupancyGrid, radii: Ma
     return f"({here.x:g}, {here.y:g}) is free; place {robot.id} there before switching it on"
 
 
-def _check_places(robot: FleetRobot, grid: OccupancyGrid) -> str:
-    for index, (x, y) in enumerate(robot.places):
-        if not grid.is_free(Point(x, y)):
-            raise AcrcError(f"place {index} at ({x:g}, {y:g}) is not on free floor; move it")
-    return f"all {len(robot.places)} are on free floor"
+def _check_items(fleet: Fleet, robot: FleetRobot, grid: OccupancyGrid) -> str:
+    task = load_task(fleet.task.use)
+    for index, item in enumerate(decode_items(task, robot.items)):
+        if fault := task.check(item, grid):
+            raise AcrcError(f"{task.declaration.item} {index} is {toml_text(item)}, but must {fault}")
+    return f"{len(robot.items)} {task.declaration.items} checked"
 
 
 def check_behaviour(fleet: Fleet, robot: FleetRobot, permit: Permit) -> str:
@@ -356,7 +359,7 @@ def check_keys(fleet: Fleet, robot: FleetRobot) -> str:
 
 
 def check_configuration(fleet: Fleet, robot: FleetRobot, permit: Permit) -> Iterator[DoctorFinding]:
-    """Check map, start, places and behaviour, and the keys of a robot with `listen`."""
+    """Check map, start, items and behaviour, and the keys of a robot with `listen`."""
     yield from check_floor(fleet, robot)
     yield run_check("behaviour", check_behaviour, fleet, robot, permit)
     if robot.listen is not None:

@@ -6,8 +6,9 @@ Every robot has a copy of the file and of the map.
 import ipaddress
 import os
 import re
+from collections.abc import Mapping
 from pathlib import Path
-from typing import Annotated, Final
+from typing import Annotated, Any, Final
 
 from msgspec import Meta
 from msgspec.structs import replace
@@ -21,7 +22,8 @@ from actors.robot_model import Model, RobotDescription, SensorName, load_model
 from actors.runtime.errors import AcrcError
 from actors.runtime.process_setup import resolve_model
 from actors.settings import ParameterError, Settings, Text
-from actors.task.loading import task_setup
+from actors.task.loading import decode_items, load_task, task_entry, task_setup
+from actors.task.task import TaskError
 from actors.world.world_setup import BodySetup, WorldSetup
 from cleaning.strategies import entry
 from deploy.scenario.resolve import Swarm
@@ -156,10 +158,9 @@ class Fleet(_FleetFile, frozen=True, kw_only=True):
         body = BodySetup(
             robot.id, robot.model, model.default_sensor, robot.start, robot.items, odometry=model.odometry
         )
+        task = task_setup(self.task.use, self.task_settings)
         return Swarm(
-            world=WorldSetup(
-                self.map, self.seed, step_us, UNLIMITED_US, (body,), task_setup(self.task.use, self.task_settings)
-            ),
+            world=WorldSetup(self.map, self.seed, step_us, UNLIMITED_US, (body,), task),
             radio=RadioSetup(
                 "beeclick",
                 seed=self.seed,
@@ -186,7 +187,7 @@ def parse_fleet(text: str, path: Path) -> Fleet:
     content = settings.toml_tables(text, path)
     try:
         file = decode_swarm_file(_FleetFile, content)
-        fault = _fault(file)
+        fault = _fault(file) or _task_fault(file, content)
         _ = file.stack
     except AcrcError as error:
         raise AcrcError(f"{path}: {error}") from None
@@ -218,6 +219,21 @@ def _fault(file: _FleetFile) -> str | None:
     return None
 
 
+def _task_fault(file: _FleetFile, content: Mapping[str, Any]) -> str | None:
+    """Return the first fault of the task's settings and of the robots' items; None if there is none."""
+    task = load_task(file.task.use)
+    settings.decode(task.settings, file.task_settings, file.table)
+    for index, robot in enumerate(file.robot):
+        key = f"robot[{index}].{file.table}"
+        if task.declaration.lists_items and file.table not in content["robot"][index]:
+            return f"{key} is missing, but must be a list of {task.declaration.items}"
+        try:
+            decode_items(task, robot.items)
+        except TaskError as error:
+            return f"{key} has {error}"
+    return None
+
+
 def _with_absolute_paths(file: _FleetFile, path: Path) -> Fleet:
     folder = path.parent
     values = {name: getattr(file, name) for name in file.__struct_fields__} | {
@@ -233,3 +249,8 @@ def user_code_folders(fleet: Fleet, permit: Permit) -> tuple[Path, ...]:
     """Return the folders of the user's strategy; none if it is installed. Raises as `permitted_folders`."""
     hints = (Path(fleet.run.modules),) if fleet.run.modules else ()
     return permitted_folders(fleet.path, entry(fleet.run.strategy), hints, permit)
+
+
+def task_folders(fleet: Fleet, permit: Permit) -> tuple[Path, ...]:
+    """Return the folders of the user's task; none if it is installed. Raises as `permitted_folders`."""
+    return permitted_folders(fleet.path, task_entry(fleet.task.use), (), permit, "task")

@@ -1,4 +1,4 @@
-"""Live view of physical robots from their reports: pose estimates, places, radio; no ground truth.
+"""Live view of physical robots from their reports: pose estimates, items of the task, radio; no ground truth.
 
 Messages are drawn at their time of arrival, in s since the view started.
 """
@@ -27,6 +27,7 @@ from actors.observer.layout import ViewerContents, ViewFile
 from actors.observer.panels import DrawnEvent
 from actors.processes.launcher import scratch_folder
 from actors.runtime.core import at
+from actors.task.loading import load_task
 from actors.topic import Message
 from deploy.fleet import operator_station
 from deploy.fleet.fleet_file import Fleet
@@ -61,7 +62,8 @@ class FleetView:
             robots=self.robots,
             grid=load_map(fleet.map),
             step_us=0,
-            own_places={robot.id: robot.places for robot in fleet.robots},
+            task=load_task(fleet.task.use).declaration,
+            item_counts={robot.id: len(robot.items) for robot in fleet.robots},
             addresses={robot.address: robot.id for robot in fleet.robots},
             has_truth=False,
         )

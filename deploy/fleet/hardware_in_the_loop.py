@@ -70,10 +70,10 @@ OnProgress = Callable[[Progress], None]
 
 
 def run(scenario: Scenario, options: RunOptions, launcher: Launcher | None = None) -> RunResult:
-    """Run the scenario until all places are settled or its time is over, and return the result.
+    """Run the scenario until no robot has items left or its time is over, and return the result.
 
-    Writes result/run.json and result/places.csv to the output folder. `launcher` starts the processes; None:
-    as in the options. Raises OptionError for scenarios unsupported in real time and for unknown `boards`.
+    Writes run.json and the task's table of items to `result` in the output folder. `launcher` starts the
+    processes; None: as in the options. Raises OptionError for scenarios unsupported in real time and for unknown `boards`.
     """
     check_limits(scenario)
     plan = swarm.plan(scenario, options)
@@ -83,8 +83,8 @@ def run(scenario: Scenario, options: RunOptions, launcher: Launcher | None = Non
     make_folder(plan.out)
     plan.folder(LABORATORY).mkdir()
     plan.write_scenario()
-    places = sum(len(robot.places) for robot in plan.world.robots)
-    with progress.show_progress(plan.world.duration_us, places, quiet=options.json) as follow:
+    items, task = sum(len(robot.items) for robot in plan.world.robots), plan.world.task.declaration
+    with progress.show_progress(plan.world.duration_us, items, task, quiet=options.json) as follow:
         _run_processes(plan, simulated, launcher or create_launcher(options.spawn, reap=False), follow)
     folders = [plan.folder(robot.id) for robot in plan.world.robots]
     result = collect(folders, truth=plan.folder(LABORATORY) / "result.json", out=plan.out / "result")
@@ -125,7 +125,7 @@ class _EmulatedDevices(Supervisor):
         folder = plan.folder(LABORATORY)
         super().__init__(launcher)
         self._folder = folder
-        models = {str(path): place for path, place in plan.scenario.models}
+        models = {str(path): file for path, file in plan.scenario.models}
         world = relative_world_setup(plan, lambda robot: f"../{models[str(Path(robot.model))]}")
         setup = LaboratorySetup(world, relative_radio_setup(plan), simulated)
         (folder / SETUP).write_bytes(typed_json.dump(setup))
@@ -189,11 +189,12 @@ def _supervise(
     devices: _EmulatedDevices,
     on_progress: OnProgress,
 ) -> None:
-    """Supervise the robots until all places are settled or the time is over."""
+    """Supervise the robots until no robot has items left or the time is over."""
     started = time.monotonic()
-    places_left = [len(robot.places) for robot in plan.world.robots]
-    reports = [0] * len(places_left)
-    while (elapsed := time.monotonic() - started) < in_seconds(plan.world.duration_us) and any(places_left):
+    left = [len(robot.items) for robot in plan.world.robots]
+    done = [0] * len(left)
+    unlisted, duration_s = not plan.world.task.declaration.lists_items, in_seconds(plan.world.duration_us)
+    while (elapsed := time.monotonic() - started) < duration_s and (unlisted or any(left)):
         for supervisor in supervisors:
             supervisor.restart_exited(0.02)
         devices.check()
@@ -201,5 +202,5 @@ def _supervise(
             while (delivery := bus.poll(at(PROGRESS).topic)) is not None:
                 progress = decode(delivery.topic, delivery.key, delivery.payload)
                 assert isinstance(progress, Progress)
-                places_left[index], reports[index] = progress.places_left, progress.reports
-        on_progress(Progress(0, round(1e6 * elapsed), sum(places_left), sum(reports), False))
+                left[index], done[index] = progress.left, progress.done
+        on_progress(Progress(0, round(1e6 * elapsed), sum(left), sum(done), False))

@@ -256,6 +256,6 @@ def progress_text(progress: Progress) -> str:
     """Return a robot's progress, in words."""
     state = "stopped" if progress.finished else "paused" if progress.paused else "running"
     return (
-        f"{progress.places_left} places left, {progress.reports} reported, "
+        f"{progress.left} items left, {progress.done} reported, "
         f"{', '.join((state, *map(printable, progress.held)))}"
     )

@@ -20,9 +20,10 @@ from actors.runtime.errors import AcrcError, printable
 from actors.runtime.isolation.credentials import PRIVATE_KEY_FILE
 from actors.runtime.isolation.tls import AUTHORITY_FILE, CERTIFICATE_FILE
 from actors.settings import read_text, toml_tables
+from actors.task.loading import task_entry
 from actors.user_code import FINDER
 from deploy.fleet import doctor
-from deploy.fleet.fleet_file import Fleet, FleetRobot, user_code_folders
+from deploy.fleet.fleet_file import Fleet, FleetRobot, task_folders, user_code_folders
 from deploy.scenario.scenario_file import map_files, strategy_files
 
 MACHINES: Final = {"x86-64": "x86_64", "aarch64": "aarch64"}
@@ -125,16 +126,17 @@ def _configuration(fleet: Fleet, robot: FleetRobot) -> tuple[_Files, str]:
 
 
 def _strategy_files(fleet: Fleet, permit: Permit) -> _Files:
-    """Return the user's strategy and all modules that it imported during the check, in `modules/`."""
-    folders = user_code_folders(fleet, permit)
+    """Return the user's strategy and task, and all modules imported during the check, in `modules/`."""
+    folders = {*user_code_folders(fleet, permit), *task_folders(fleet, permit)}
     if len(folders) > 1:
-        both = " and ".join(map(str, folders))
-        raise AcrcError(f"{fleet.path}: strategies are in {both}; a bundle needs them in one folder")
+        both = " and ".join(sorted(map(str, folders)))
+        raise AcrcError(f"{fleet.path}: strategies and task are in {both}; a bundle needs them in one folder")
     loaded: Sequence[str] = tuple(FINDER.hashes())
     return {
         f"modules/{path.relative_to(folder)}": (regular_file.read_bytes(path), 0o644)
         for folder in folders
-        for path in {*strategy_files(fleet.run.strategy, folder), *(folder / name for name in loaded)}
+        for used in (fleet.run.strategy, task_entry(fleet.task.use))
+        for path in {*strategy_files(used, folder), *(folder / name for name in loaded)}
     }
 
 

@@ -30,7 +30,6 @@ from actors.runtime.process_setup import ArgumentParser
 from actors.runtime.processor import fingerprints
 from actors.world import drive, odometry, rays
 from actors.world.physics import SUBSTEP
-from cleaning import visits
 from firmware_bridge.beeclick.answer_decoder import FIRST_CHANNEL
 from firmware_bridge.beeclick.emulated_board import EmulatedBoard
 from firmware_bridge.device_lines import DEVICES, DevicePort, EmulatedLines, SimulatedTransceiver
@@ -125,7 +124,6 @@ class RealTimeLoop:
             began_us=self._began_us,
             simulated_s=in_seconds(Duration(laboratory.now - START)),
             contacts=laboratory.contacts,
-            places=laboratory.places,
             lines={" ".join(port): self._lines.unread(port) for port in self._lines.ports},
             boards={robot: _board(hardware.radio) for robot, hardware in laboratory.robots.items()},
             behind_ms={str(late): count for late, count in sorted(self._late_substeps.items())},
@@ -138,6 +136,7 @@ class RealTimeLoop:
                 robot: {"frames": one.base.reception.frames, "skipped": one.base.reception.skipped}
                 for robot, one in laboratory.robots.items()
             },
+            positions=laboratory.positions,
             frames=laboratory.medium.counters(),
             frames_by_robot=laboratory.medium.counters_by_robot(list(laboratory.robots)),
             cpu_s=time.process_time() - self._began_cpu_s,
@@ -185,7 +184,7 @@ def _board(radio: EmulatedBoard | SimulatedTransceiver) -> dict[str, int]:
     return {**counters, "address": radio.address, "channel": radio.channel + FIRST_CHANNEL}
 
 
-_KERNELS: Final = (odometry, drive, rays, visits, *RADIO_KERNELS)
+_KERNELS: Final = (odometry, drive, rays, *RADIO_KERNELS)
 
 
 def main(argv: Sequence[str]) -> int:

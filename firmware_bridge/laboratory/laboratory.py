@@ -3,7 +3,7 @@
 import math
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import Any, Final, NamedTuple
+from typing import Annotated, Any, Final, NamedTuple
 
 import msgspec
 import numpy as np
@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from actors.floor.grid import OccupancyGrid
 from actors.geometry import Pose
-from actors.instant import START, Duration, Instant, in_seconds
+from actors.instant import START, Duration, Instant, in_seconds, milliseconds
 from actors.messages import NO_ECHO_MM, Drive, RobotTruth
 from actors.portable import arrays, cos, sin
 from actors.radio.radio_model import RadioSetup, radio_model
@@ -20,6 +20,7 @@ from actors.randomness import generator
 from actors.robot_model import RobotModel, interpolate, load_model
 from actors.runtime import typed_json
 from actors.runtime.errors import AcrcError
+from actors.task.task import Judge, Task
 from actors.world.battery import Batteries
 from actors.world.body import Bodies, real_floor
 from actors.world.order_execution import Orders
@@ -27,7 +28,6 @@ from actors.world.physics import SUBSTEP
 from actors.world.sensing import RangeSensors
 from actors.world.uncertainty import with_drift
 from actors.world.world_setup import Participants, WorldSetup
-from cleaning.referee import PlaceOutcome, Referee
 from firmware_bridge.beeclick.answer_decoder import BoardSettings
 from firmware_bridge.beeclick.emulated_board import EmulatedBoard
 from firmware_bridge.beeclick.emulated_medium import create_medium
@@ -53,6 +53,9 @@ from firmware_bridge.range_sensors.rplidar_emulator import (
     EmulatedRplidarParameters,
     RangeFunction,
 )
+
+SAMPLE: Final = milliseconds(100)
+"""Interval of recorded positions, as long as a step of a simulated run."""
 
 
 class LaboratorySetup(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -96,9 +99,6 @@ class LaboratoryResult(msgspec.Struct, frozen=True):
     """Wall time of the start, µs since the Unix epoch."""
     simulated_s: float
     contacts: int
-    places: tuple[PlaceOutcome, ...]
-    """Times at which the places were truly reached, µs after the start; reports are in the robots'
-    recordings."""
     lines: dict[str, int]
     """Bytes that robot processes did not read in time, by robot and device."""
     boards: dict[str, dict[str, int]]
@@ -109,6 +109,10 @@ class LaboratoryResult(msgspec.Struct, frozen=True):
     lost_ms: int
     """Wall time that was skipped because the laboratory was too late."""
     robots: dict[str, LaboratoryTruth] = {}
+    sample_us: Annotated[int, msgspec.Meta(ge=1)] = SAMPLE
+    """Interval of `positions`."""
+    positions: bytes = b""
+    """True positions from the start on: float32 little-endian, (samples, robots, 2), m."""
     bases: dict[str, dict[str, int]] = {}
     """Valid frames from each base's driver, and skipped bytes."""
     frames: dict[str, int] = {}
@@ -236,7 +240,6 @@ class Laboratory:
         """Create the hardware. Raises AcrcError for missing files and invalid positions."""
         world, seed = setup.world, setup.world.seed
         self._bodies = Bodies(world)
-        self._referee = Referee(world.robots, world.reach)
         models = [load_model(robot.model, robot.sensor) for robot in world.robots]
         self._errors = [with_drift(model, world.uncertainty).kobuki_errors for model in models]
         self._parameters = [model.battery for model in models]
@@ -245,13 +248,14 @@ class Laboratory:
         self._scanners = LaboratoryScanners(real_floor(world, models).visible, models, noise)
         self.medium = create_medium(setup.radio)
         """Radio medium."""
-        self._orders = Orders(world.events, Participants(world.robots), self._bodies, self._referee)
+        self._orders = Orders(world.events, Participants(world.robots), self._bodies, Task(), Judge())
         self.robots: Mapping[str, EmulatedHardware] = {
             robot.id: self._hardware(index, setup) for index, robot in enumerate(world.robots)
         }
         """Devices by robot."""
         self._now = self._instant = START
         self._travelled = np.zeros(len(models))
+        self._positions = bytearray()
         self._update_surroundings()
 
     @property
@@ -275,9 +279,9 @@ class Laboratory:
         return self._bodies.contacts
 
     @property
-    def places(self) -> tuple[PlaceOutcome, ...]:
-        """Outcomes of the places by ground truth."""
-        return self._referee.places(())
+    def positions(self) -> bytes:
+        """True positions so far, as in LaboratoryResult."""
+        return bytes(self._positions)
 
     def pose(self, robot: str) -> tuple[float, float, float]:
         """Return the true pose: x, y in m and heading in rad, map frame."""
@@ -328,7 +332,7 @@ class Laboratory:
         self._travelled += arrays.hypot(*(self._scanners.poses[:, :2] - before).T)
 
     def _update_surroundings(self) -> None:
-        """Execute orders at the start of a sub-step, and update medium, scanners and referee."""
+        """Execute orders at the start of a sub-step, and update medium and scanners."""
         self._orders.begin(self._now)
         effects = self._orders.effects
         self.medium.jam(self._now, effects.jams)
@@ -337,7 +341,8 @@ class Laboratory:
         states = [self._bodies.truth(index) for index in range(len(self.robots))]
         self.medium.set_states(self._now, states)
         self._scanners.set_state([state[:3] for state in states], self._bodies.obstacles)
-        self._referee.watch(self._now, self._scanners.poses[:, :2])
+        if not self._now % SAMPLE:
+            self._positions += self._scanners.poses[:, :2].astype("<f4").tobytes()
         if self._batteries.exist:
             self._discharge(states)
 

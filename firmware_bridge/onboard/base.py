@@ -76,7 +76,7 @@ class Base:
         self._pose_writer = None if setup.last_pose is None else PoseWriter(Path(setup.last_pose), now)
         initial = None if self._pose_writer is None else self._pose_writer.initial
         start = Pose(*(setup.start if initial is None else initial.pose))
-        self.core = BaseCore(setup.id, setup.step_us, now, start, len(setup.places), self._vehicle)
+        self.core = BaseCore(setup.id, setup.step_us, now, start, len(setup.items), self._vehicle)
         self.core.answer_timeout = None if setup.patience_s is None else seconds(setup.patience_s)
         self._stopped = False
 

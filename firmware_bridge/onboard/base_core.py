@@ -87,12 +87,12 @@ class BaseCore(TimedCore):
     """Conductor of one robot's steps."""
 
     def __init__(
-        self, robot: str, step_us: int, begin: Instant, start: Pose, places: int, vehicle: Vehicle
+        self, robot: str, step_us: int, begin: Instant, start: Pose, items: int, vehicle: Vehicle
     ) -> None:
         """Create it.
 
-        `begin`: the instant of step 0; `start`: pose of the base at its start, map frame; `places`: initial
-        number of places.
+        `begin`: the instant of step 0; `start`: pose of the base at its start, map frame; `items`: initial
+        number of items of the task.
         """
         super().__init__()
         self.now = begin
@@ -123,8 +123,8 @@ class BaseCore(TimedCore):
         self.last_estimate: tuple[Pose, Odometry] | None = None
         """Latest pose estimate of the robot, map frame, with its odometry; None before the first."""
         self._stopping = False
-        self._reports = 0
-        self._places_left = places
+        self._items_done = 0
+        self._items_left = items
 
     @property
     def next_tick(self) -> Instant:
@@ -250,8 +250,8 @@ class BaseCore(TimedCore):
         if drive.pose is not None:
             self.last_estimate = Pose(*drive.pose), self._odometry
         self._transmits = drive.transmits
-        self._reports += len(drive.reports)
-        self._places_left = self._places_left if drive.route is None else len(drive.route)
+        self._items_done += len(drive.reports)
+        self._items_left = self._items_left if drive.route is None else len(drive.route)
         return ()
 
     def _on_radio_advanced(self, report: RadioAdvanced) -> Sequence[Output]:
@@ -313,8 +313,8 @@ class BaseCore(TimedCore):
         return Progress(
             self.step,
             self._instant(self.step),
-            self._places_left,
-            self._reports,
+            self._items_left,
+            self._items_done,
             self.finished,
             self._paused,
             held=self._vehicle.stop_reasons(),

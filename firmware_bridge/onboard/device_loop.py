@@ -15,6 +15,7 @@ from actors.runtime.core import Address, Inputs, Output
 from actors.runtime.process_setup import ActorSetup, ProcessSetup, resolve_model
 from actors.runtime.shell import Shell
 from actors.runtime.zenoh_bus import SelectableBus
+from actors.task.loading import TaskSetup
 from firmware_bridge.beeclick.answer_decoder import BoardSettings
 from firmware_bridge.serial_port import PortError, SerialPort
 
@@ -28,6 +29,8 @@ class BaseSetup(RobotDescription, frozen=True, kw_only=True):
     """Set-up of a base process."""
 
     step_us: int
+    task: TaskSetup
+    """For readers of recordings only."""
     base: str
     """Path of the Kobuki's port."""
     range: str | None

@@ -2,7 +2,6 @@
 
 import shutil
 from pathlib import Path
-from typing import Any
 
 import msgspec
 import numpy as np
@@ -10,15 +9,13 @@ import pytest
 
 from acrc_testbed.results.field_recordings import FieldTrialError
 from acrc_testbed.results.result import RunResult
-from actors.messages import DRIVE, MESSAGE_VERSION, Drive
+from actors.messages import MESSAGE_VERSION, TRUTH
 from actors.runtime.codec import decode, encode
-from actors.runtime.core import at
 from actors.runtime.errors import AcrcError
 from actors.runtime.process import FinalNote, RunNote
 from actors.runtime.recording import Entry, Note, Recorder, read_notes, read_recording, recorder
-from cleaning.referee import PlaceOutcome
 from deploy.fleet.collect import collect
-from firmware_bridge.laboratory.laboratory import LaboratoryResult
+from firmware_bridge.laboratory.laboratory import SAMPLE, LaboratoryResult, LaboratoryTruth
 from tests.field_trial.conftest import Run
 from tests.field_trial.runs import Clock, clock, copies, noise, rewrite, table
 from tests.swarm.command import acrc
@@ -30,11 +27,12 @@ TOLD = ("owner", "place", "x", "y", "reported_by", "given_up_by", "reason", "in_
 
 def test_a_simulated_run_gives_its_own_result_without_ground_truth(head_on: Run, tmp_path: Path) -> None:
     ours, truth = collect([head_on.out], tmp_path / "out"), head_on.result
-    for name in ("robots", "places_total", "places_claimed", "places_given_up", "places_lost", "completion_s",
-                 "settled_s", "last_reached_s", "radio_bytes_per_robot_s", "deeco"):  # fmt: skip
+    for name in ("robots", "radio_bytes_per_robot_s", "deeco", "declaration"):
         assert getattr(ours, name) == getattr(truth, name), name
+    assert ours.task == truth.task | {"places_done": None, "places_reported": 6}
+    assert ours.task_summary == "reported 6 of 6 places as cleaned"
     assert (ours.duration_s, ours.notes) == (truth.simulated_s, ())
-    assert ours.places_done is ours.contacts is None
+    assert ours.task["places_done"] is ours.contacts is None
     for name in ("frames_sent", "bytes_sent", "copies_heard"):
         assert ours.frames[name] == truth.frames[name]
     for row, true in zip(
@@ -58,14 +56,16 @@ def test_clock_offset_and_drift_are_corrected(head_on: Run, tmp_path: Path) -> N
     assert r2.drift_ppm == pytest.approx(120.0, abs=2e6 * r2.scatter_s / ours.duration_s)
     assert ours.reference == "r1" and r2.surely_within_s is not None and r2.surely_within_s >= r2.error_s
     assert_same_table(tmp_path / "out", head_on.out, within_s=2 * r2.scatter_s)
-    assert ours.completion_s == pytest.approx(head_on.result.completion_s, abs=2 * r2.scatter_s)
+    completed = head_on.result.task["completion_s"]
+    assert ours.task["completion_s"] == pytest.approx(completed, abs=2 * r2.scatter_s)
 
 
 def test_more_robots_one_killed_and_one_started_again(crowd: Run, tmp_path: Path) -> None:
     clocks = {f"r{n}": clock(EPOCH + n * 1_000_000_000, 25.0 * n) for n in range(1, 5)}
     ours = collect([copies(crowd.out, tmp_path / "far", clocks)], tmp_path / "out")
-    assert (ours.places_claimed, ours.places_lost) == (crowd.result.places_claimed, crowd.result.places_lost)
-    assert crowd.result.places_lost == 3
+    for name in ("places_claimed", "places_lost"):
+        assert ours.task[name] == crowd.result.task[name]
+    assert crowd.result.task["places_lost"] == 3
     assert ours.frames["copies_heard"] == crowd.result.frames["copies_heard"]
     assert [one.epoch for one in ours.per_robot["r2"].recordings] == [0, 1]
     assert_same_table(tmp_path / "out", crowd.out, within_s=0.003)
@@ -134,7 +134,7 @@ def test_a_truncated_recording_is_used_up_to_its_end(head_on: Run, far: Path, sh
     known = [
         row for row in rows if row["reported_by"] == "r1" or float(row["reported_s"]) < steps * 0.1 - 0.2
     ]
-    assert ours.places_claimed == len(known)
+    assert ours.task["places_claimed"] == len(known)
 
 
 def test_large_messages_are_taken_from_their_receivers(
@@ -146,7 +146,7 @@ def test_large_messages_are_taken_from_their_receivers(
         patch.setattr(recorder, "LARGE", 16)
         copies(head_on.out, tmp_path, whole)
     alone, r1 = collect([tmp_path]), tmp_path / "r1" / "r1.mcap"
-    assert alone.places_claimed == 0
+    assert alone.task["places_claimed"] == 0
     assert alone.frames["frames_sent"] == head_on.result.frames["frames_sent"]
     published = head_on.result.frames_by_robot["r1"]["frames_sent"]
     assert alone.notes[:2] == (
@@ -159,7 +159,7 @@ def test_large_messages_are_taken_from_their_receivers(
         rewrite(head_on.out / name / f"{name}.mcap", tmp_path / name / f"{name}.mcap", whole)
     monkeypatch.setattr("acrc_testbed.results.field_recordings.LARGE", 16)
     both = collect([tmp_path], tmp_path / "out")
-    assert both.notes == () and both.completion_s == head_on.result.completion_s
+    assert both.notes == () and both.task["completion_s"] == head_on.result.task["completion_s"]
     assert both.per_robot["r2"].clock[0].error_s == collect([head_on.out]).per_robot["r2"].clock[0].error_s
 
 
@@ -203,34 +203,31 @@ def test_the_command_prints_a_table_or_json(head_on: Run, tmp_path: Path) -> Non
     assert lines[-1] == f"Result: {tmp_path / 'out'}"
     cells = [[cell.strip() for cell in line.strip("│ ").split("│")] for line in lines if "│" in line]
     counted = [str(frames["frames_sent"]), str(frames["copies_heard"])]
-    assert cells[2] == ["all", "6 of 6", f"{head_on.result.completion_s:.1f} s", *counted]
+    assert cells[2] == ["all", "6 of 6", f"{head_on.result.task['completion_s']:g}", *counted]
     assert cells[1][:2] == ["r2", "3 of 3"] and cells[1][5].startswith("+2.5000 s ± ")
     done = acrc("fleet", "collect", tmp_path / "far" / "r1", tmp_path / "far" / "r2", "--json")
     result = msgspec.json.decode(done.stdout, type=RunResult)
-    assert (result.places_claimed, result.out, done.stderr) == (6, None, "")
+    assert (result.task["places_claimed"], result.out, done.stderr) == (6, None, "")
 
 
 BEGAN = EPOCH - 5_000_000
 """The emulation started 5 s before the robots."""
 
 
-def laboratory(run: Run, path: Path, **other: object) -> Path:
-    """Write the result that the emulation would give for a simulated run."""
-    places = []
-    for row in table(run.out / "places.csv"):
-        at = round(float(row["reached_s"]) * 1e6) + EPOCH - BEGAN if row["reached_s"] else None
-        nothing: dict[str, Any] = dict.fromkeys(
-            ("reported_at", "reported_by", "given_up_at", "given_up_by", "reason"), None
-        )
-        places.append(
-            PlaceOutcome(
-                owner=row["owner"], place=int(row["place"]), x=0.0, y=0.0, reached_at=at,
-                reached_by=row["reached_by"] or None, in_route_of=(), **nothing,
-            )
-        )  # fmt: skip
+def laboratory(run: Run, path: Path, *, moved_m: float = 0.0, **other: object) -> Path:
+    """Write the result that the emulation would give for a simulated run, with all robots moved."""
+    truths = [
+        decode(TRUTH, item.key, item.payload)
+        for item in read_recording(run.out / "radio" / "radio.mcap")
+        if isinstance(item, Entry) and item.key == TRUTH.key() and item.payload is not None
+    ]
+    truths = [truth for truth in truths if truth.robots]
+    samples = np.array([[(one.x + moved_m, one.y) for one in truth.robots] for truth in truths])
+    before = np.repeat(samples[:1], (EPOCH - BEGAN) // SAMPLE, axis=0)
     result = LaboratoryResult(
-        began_us=BEGAN, simulated_s=100.0, contacts=3, places=tuple(places), lines={}, boards={},
-        behind_ms={}, lost_ms=0,
+        began_us=BEGAN, simulated_s=100.0, contacts=3, lines={}, boards={}, behind_ms={}, lost_ms=0,
+        robots={one.id: LaboratoryTruth((one.x, one.y, one.heading), 0.0) for one in truths[-1].robots},
+        positions=np.concatenate([before, samples]).astype("<f4").tobytes(),
     )  # fmt: skip
     path.write_bytes(msgspec.json.encode(msgspec.structs.replace(result, **other)))
     return path
@@ -242,8 +239,8 @@ def test_with_ground_truth_the_table_is_that_of_the_simulation(head_on: Run, tmp
     ours = collect([far], tmp_path / "out", truth)
     assert ours.frames | head_on.result.frames == ours.frames
     assert (tmp_path / "out" / "places.csv").read_text() == (head_on.out / "places.csv").read_text()
-    assert (ours.places_done, ours.contacts, ours.completion_s) == (6, 3, head_on.result.completion_s)
-    assert [part.places_done for part in ours.per_robot.values()] == [3, 3]
+    assert (ours.task, ours.contacts) == (head_on.result.task, 3)
+    assert [part.task["places_done"] for part in ours.per_robot.values()] == [3, 3]
     part = {"frames_sent": 5, "copies_lost_collision": 2}
     truth = laboratory(head_on, tmp_path / "part.json", frames=part, frames_by_robot={"r1": part})
     robots = collect([far], None, truth).per_robot
@@ -252,15 +249,12 @@ def test_with_ground_truth_the_table_is_that_of_the_simulation(head_on: Run, tmp
 
 def test_a_report_of_an_unvisited_place_is_mistaken(crowd: Run, tmp_path: Path) -> None:
     far = copies(crowd.out, tmp_path / "far", {f"r{n}": clock(EPOCH) for n in range(1, 5)})
-    truth = laboratory(crowd, tmp_path / "result.json", lost_ms=40)
-    seen = msgspec.json.decode(truth.read_bytes(), type=LaboratoryResult)
-    blind = [msgspec.structs.replace(place, reached_at=None, reached_by=None) for place in seen.places]
-    truth.write_bytes(msgspec.json.encode(msgspec.structs.replace(seen, places=tuple(blind))))
+    truth = laboratory(crowd, tmp_path / "result.json", moved_m=1000.0, lost_ms=40)
     ours = collect([far], tmp_path / "out", truth)
     verdicts = [row["verdict"] for row in table(tmp_path / "out" / "places.csv")]
-    claimed = crowd.result.places_claimed
+    claimed = crowd.result.task["places_claimed"]
     assert (verdicts.count("mistaken"), verdicts.count("done")) == (claimed, 0) and claimed > 1
-    assert (ours.places_claimed, ours.places_done) == (claimed, 0)
+    assert (ours.task["places_claimed"], ours.task["places_done"]) == (claimed, 0)
     assert ours.notes == ("the emulation fell behind, so the true instants are early by up to 40 ms",)
 
 
@@ -337,27 +331,22 @@ def test_damage_anywhere_gives_at_most_a_sentence(far: Path, seed: int) -> None:
     except AcrcError as error:
         assert "\n" not in str(error)
     else:
-        assert ours.per_robot["r1"].places_claimed >= 0
+        assert ours.per_robot["r1"].task["places_claimed"] is not None
         assert ours.per_robot["r1"].recordings[0].ended == "as planned"
 
 
 def test_unknown_data_of_a_missing_robot_are_noted(head_on: Run) -> None:
     ours = collect([head_on.out / "r1"])
-    assert (ours.robots, ours.places_claimed) == (1, 3)
-    spoken: set[tuple[str, int]] = set()
-    for item in read_recording(head_on.out / "r1" / "r1.mcap"):
-        if isinstance(item, Entry) and item.key == "swarm/up/r1/drive" and item.payload is not None:
-            drive = decode(at(DRIVE, "r1").topic, item.key, item.payload)
-            assert isinstance(drive, Drive)
-            spoken |= {(report.owner, report.place) for report in drive.reports}
-            spoken |= {(place.owner, place.place) for place in drive.route or ()}
-    assert ours.places_total == len(spoken | {("r1", place) for place in range(3)})
+    others = [row for row in table(head_on.out / "places.csv") if row["reported_by"] == "r1"]
+    own = [row for row in others if row["owner"] == "r1"]
+    assert (ours.robots, ours.task["places_total"], ours.task["places_claimed"]) == (1, 3, len(own))
     heard = head_on.result.frames_by_robot["r1"]["copies_heard"]
+    assert 0 < len(own) < len(others)
     assert ours.notes == (
         f"{heard} frames were received from address 2, of which there is no recording; its reports and route "
         "are unknown",
-        "r2: its list of places is unknown, so the table has only those in others' reports, without "
-        "positions",
+        f"{len(others) - len(own)} reports are left out; the first: r1 reports place 0 of 'r2', which does "
+        "not exist",
     )
 
 
