@@ -17,7 +17,7 @@ from numpy.random import Generator
 from actors.floor.grid import FREE, OCCUPIED, UNKNOWN, OccupancyGrid
 from actors.geometry import CERTAIN, Covariance, Point, Pose
 from actors.instant import START, Duration, Instant, in_seconds, milliseconds
-from actors.items import ItemGivenUp, ItemKey
+from actors.items import ItemGivenUp, ItemKey, plain_items
 from actors.messages import FrameReceived, FrameSent, OutgoingFrame, RadioEvent
 from actors.randomness import generator
 from actors.robot.behaviour import (
@@ -37,7 +37,6 @@ from actors.robot.behaviour.node_host import node_of
 from actors.robot.navigation.planning import planning_grid
 from actors.robot.navigation.routes import ReachableFloor
 from actors.runtime.errors import AcrcError
-from cleaning.place import VisitReport
 from deeco import Knowledge
 from deeco.link import Reception, Transmission
 from deeco.node import Node
@@ -241,10 +240,10 @@ class VirtualRobot:
         """Charge, 0 to 1; None: unknown."""
         self.is_frozen = False
         """True: the behaviour is not advanced; frames wait."""
-        self.reports: list[VisitReport] = []
+        self.reports: list[Any] = []
         self.given_up: list[ItemGivenUp] = []
-        self.route = tuple(ItemKey(start.robot, index) for index in range(len(start.places)))
-        """Remaining places as last reported; initially those of the start."""
+        self.route = tuple(ItemKey(start.robot, index) for index in range(len(start.items)))
+        """Remaining items as last reported; initially those of the start."""
         self._events: list[RadioEvent] = []
 
     @property
@@ -352,25 +351,33 @@ class VirtualSwarm(VirtualNetwork[VirtualRobot]):
         self,
         strategy: Callable[[Start], Behaviour],
         floor: TextFloor,
-        robots: Mapping[str, Sequence[str | Point]],
+        robots: Mapping[str, Sequence[Any]],
         medium: LossyMedium | None = None,
         *,
         seed: int = 1,
         **fields: Any,
     ) -> None:
-        """Create robots by id, each with the points of its start and of its places.
+        """Create robots by id, each with the point of its start and its items.
 
-        A point is a name on the floor or a Point: `{"r1": "abc"}` starts at a, with the places b and c.
-        `seed`: of the behaviours. `fields`: further fields of Start, such as `settings` and `exchange`.
+        A point is a name on the floor or a Point: `{"r1": "abc"}` starts at a, with the points b and c as
+        items; other values are items as they are. `seed`: of the behaviours. `fields`: further fields of
+        Start, such as `settings` and `exchange`.
         """
         members = {name: address for address, name in enumerate(robots, start=1)}
         swarm = dict[str, VirtualRobot]()
         for name, points in robots.items():
-            here, *places = (floor[one] if isinstance(one, str) else one for one in points)
+            here, *items = (floor[one] if isinstance(one, str) else one for one in points)
             rng = generator(seed, "behaviour", name)
             plan = floor.plan_of(here, rng)
             start = Start(
-                name, members[name], 0, Pose(*here, 0.0), tuple(places), rng, floor=plan, members=members
+                name,
+                members[name],
+                0,
+                Pose(here.x, here.y, 0.0),
+                plain_items(items),
+                rng,
+                floor=plan,
+                members=members,
             )
             start = replace(start, **fields)
             swarm[name] = VirtualRobot(start, strategy(start))

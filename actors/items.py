@@ -75,6 +75,11 @@ class TaskLimits:
 _encode: Final = msgspec.msgpack.Encoder().encode
 
 
+def plain_items(items: Sequence[Any]) -> tuple[Any, ...]:
+    """Return items as a robot receives them: lists and dictionaries in place of tuples and structs."""
+    return tuple(msgspec.json.decode(msgspec.json.encode(items)))
+
+
 def task_reports_fault(answer: TaskReports, begin: int, end: int, limits: TaskLimits) -> str | None:
     """Return the first fault of the task reports of the step from `begin` to `end`, µs; None if valid."""
     if answer.reports and (fault := _reports_fault(answer.reports, begin, end, limits)):

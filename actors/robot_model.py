@@ -16,7 +16,7 @@ from actors.geometry import Pose
 from actors.instant import Duration, seconds
 from actors.portable import hypot
 from actors.runtime.errors import AcrcError
-from actors.settings import Place, RuleError, Settings, StartPose, Text
+from actors.settings import RuleError, Settings, StartPose, Text
 
 OdometryKind = Literal["exact", "stage", "kobuki"]
 Model = Annotated[

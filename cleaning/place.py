@@ -6,10 +6,11 @@ from typing import Annotated, Any, Final
 
 import msgspec
 
-from actors.geometry import Coordinate, Point
+from actors.geometry import Point
 from actors.instant import Instant
 from actors.items import ItemKey
 from actors.robot.behaviour import Start, TaskList
+from actors.settings import Place
 from actors.topic import MessagePart
 from deeco.schema import Resolution
 
@@ -84,10 +85,6 @@ class Assignment:
     def takeover(self) -> Takeover:
         """The assignment without its position."""
         return Takeover(self.owner, self.index, self.term)
-
-
-Place = tuple[Coordinate, Coordinate]
-"""An item of the task: a place to visit, m, map frame."""
 
 
 class VisitReport(MessagePart, frozen=True):

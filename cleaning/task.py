@@ -9,7 +9,7 @@ from actors.floor.grid import OccupancyGrid
 from actors.floor.placement import PlacementError, draw_points
 from actors.geometry import Point
 from actors.runtime.errors import AcrcError
-from actors.settings import Names, Settings
+from actors.settings import Names, Place, Settings
 from actors.task.task import (
     JudgeSetup,
     MarkStyle,
@@ -19,7 +19,7 @@ from actors.task.task import (
     TaskDeclaration,
 )
 from cleaning import visits
-from cleaning.place import GOLDEN, Place, VisitReport
+from cleaning.place import GOLDEN, VisitReport
 from cleaning.referee import COLUMNS, Referee
 
 T = TypeVar("T")
@@ -75,7 +75,6 @@ class Cleaning(Task):
         },
     )
     settings = PlacesTable
-    item = Place
     report = VisitReport
     kernels = (visits,)
 

@@ -15,6 +15,7 @@ from actors.console import create_console, print_table
 from actors.installation.usage import command_line
 from actors.processes import monitor
 from actors.runtime.errors import printable
+from actors.task.task import Metric, Value
 
 _ORIGINAL: Final = "; this preset is the original navigation, in which robots get stuck at corners and doors"
 
@@ -105,9 +106,12 @@ def _print_lines(lines: Sequence[str]) -> None:
 def _result_table(result: RunResult) -> Table:
     """Return a row per robot and one for all; columns without values are left out."""
     cells: dict[str, Callable[[RobotResult | RunResult], str]] = {}
+    metrics = {metric.column: metric for metric in result.declaration.metrics}
     for title, names in result.declaration.cells.items():
-        if result.task.get(names[0]) is not None and any(result.task.get(name) for name in names):
-            cells[printable(title)] = partial(_task_cell, names)
+        columns = {name: metrics.get(name) for name in names}
+        is_known = result.task.get(names[0]) is not None and any(map(result.task.get, names))
+        if is_known or any(metric and metric.event for metric in columns.values()):
+            cells[printable(title)] = partial(_task_cell, columns)
     if not result.is_simulated:
         cells["sent"] = lambda result: str(result.frames["frames_sent"])
         cells["heard"] = lambda result: str(result.frames["copies_heard"])
@@ -126,10 +130,16 @@ def _result_table(result: RunResult) -> Table:
     return table
 
 
-def _task_cell(names: Sequence[str], part: RobotResult | RunResult) -> str:
-    values = (part.task.get(name) for name in names)
-    return " of ".join("-" if one is None else f"{one:g}" if isinstance(one, float) else printable(str(one))
-                       for one in values)
+def _task_cell(columns: Mapping[str, Metric | None], part: RobotResult | RunResult) -> str:
+    return " of ".join(_value_text(part.task.get(name), metric) for name, metric in columns.items())
+
+
+def _value_text(value: Value, metric: Metric | None) -> str:
+    if value is None:
+        return "not finished" if metric and metric.event else "-"
+    if isinstance(value, float):
+        return f"{value:.1f} s" if metric and metric.unit == "s" else f"{value:g}"
+    return printable(str(value))
 
 
 def _lateness(part: RobotResult | RunResult) -> str:

@@ -9,7 +9,8 @@ import msgspec
 
 from actors.floor import raster
 from actors.floor.grid import OccupancyGrid
-from actors.geometry import Point, Pose, wrap
+from actors.geometry import Pose, wrap
+from actors.items import plain_items
 from actors.portable import arrays, draws, foundations
 from actors.randomness import generator
 from actors.robot import localisation
@@ -111,7 +112,7 @@ def start(setup: RobotSetup, model: RobotModel, floor: PlanningGrid) -> Start:
         address=setup.address,
         epoch=setup.epoch,
         pose=setup.pose,
-        items=setup.items,
+        items=plain_items(setup.items),
         generator=own,
         settings=MappingProxyType(dict(adaptation.settings)),
         exchange=adaptation.exchange,

@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final, cast
 
-from actors.geometry import STILL, Point, Pose, Twist
+from actors.geometry import STILL, Pose, Twist
 from actors.instant import Instant, in_seconds
 from actors.messages import (
     DRIVE,

@@ -1,21 +1,21 @@
 """Loading of tasks: by name, by entry string, or from a folder named on the command line.
 
-A task is trusted code: modules are loaded from installed packages and from folders given by `--modules`, never
-from a folder that a file or a recording names.
+A task is trusted code: modules are loaded from installed packages and from folders given by `--modules`,
+never from a folder that a file or a recording names.
 """
 
 import importlib.metadata
 from collections.abc import Mapping, Sequence
 from functools import cache
-from typing import Any, Final
+from typing import Annotated, Any, Final, get_origin
 
 import msgspec
 
 from actors.items import ITEM_LIMIT, TaskReports
-from actors.runtime.errors import AcrcError
+from actors.settings import ParameterError, words
 from actors.task.task import SYMBOLS, Task, TaskDeclaration, TaskError, style_fault
 from actors.user_code import FINDER, entry_object, is_installed, module_file
-from actors.wording import short_repr
+from actors.wording import short_repr, toml_text
 
 GROUP: Final = "acrc.tasks"
 """Entry point group in which an installed distribution registers tasks: name = "module:Class"."""
@@ -102,14 +102,20 @@ def task_setup(name: str, settings: Mapping[str, Any]) -> TaskSetup:
     return TaskSetup(task_entry(name), declaration, dict(settings))
 
 
-def decode_items(task: Task, items: Sequence[Any]) -> tuple[Any, ...]:
-    """Return plain values as items of the task. Raises TaskError for a value of another type."""
-    if too_large := next((one for one in items if len(msgspec.msgpack.encode(one)) > ITEM_LIMIT), None):
-        raise TaskError(f"{short_repr(too_large)}, an item of more than {ITEM_LIMIT} bytes")
+def decode_items(task: Task, items: Sequence[Any], key: str = "items") -> tuple[Any, ...]:
+    """Return plain values as items of the task. Raises AcrcError with the key of a wrong value."""
+    return tuple(_decode_item(task, item, f"{key}[{index}]") for index, item in enumerate(items))
+
+
+def _decode_item(task: Task, item: Any, key: str) -> Any:
     try:
-        found: tuple[Any, ...] = msgspec.convert(list(items), tuple[task.item, ...])  # type: ignore[name-defined]
-    except msgspec.ValidationError as error:
-        raise TaskError(f"{short_repr(list(items))}, which are not items of {task.declaration.name}: {error}") from None
+        found = msgspec.convert(item, task.item)
+        if len(msgspec.msgpack.encode(found)) > ITEM_LIMIT:
+            raise TaskError(f"{key} is larger than {ITEM_LIMIT} bytes")
+    except (msgspec.ValidationError, OverflowError) as error:
+        expected = words(task.item, key) if get_origin(task.item) is Annotated else ""
+        sentence = "" if expected else f"{key} is {toml_text(item)}: {error}"
+        raise ParameterError(key, item, expected, sentence) from None
     return found
 
 

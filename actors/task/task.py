@@ -23,7 +23,7 @@ from actors.instant import Instant
 from actors.items import ItemKey, TaskReports
 from actors.messages import ItemMark, TaskEvent
 from actors.runtime.errors import AcrcError
-from actors.settings import Settings
+from actors.settings import Place, Settings
 
 T = TypeVar("T")
 Value = bool | int | float | str | None
@@ -274,7 +274,7 @@ class Task:
     declaration: ClassVar[TaskDeclaration]
     settings: ClassVar[type[Settings]] = Settings
     """Type of its table in the scenario file."""
-    item: ClassVar[Any] = tuple[float, float]
+    item: ClassVar[Any] = Place
     """Type of an item in scenario files and messages; at most ITEM_LIMIT bytes."""
     report: ClassVar[Any] = None
     """Type of a report, a subclass of MessagePart or a union of tagged ones; None: there are no reports."""

@@ -31,7 +31,7 @@ from actors.orders import (
 )
 from actors.runtime.errors import AcrcError
 from actors.task.loading import decode_items
-from actors.task.task import Judge, Task, TaskError
+from actors.task.task import Judge, Task
 from actors.world.body import Bodies, wall_posts
 from actors.world.world_setup import BarrierState, Member, Participants, TimedOrder
 
@@ -164,10 +164,7 @@ class Orders:
 
     def _give(self, member: Member, order: AssignItems) -> None:
         """Give items; the robot's process receives them with its next SensorData."""
-        try:
-            items = decode_items(self._task, order.items)
-        except TaskError as error:
-            raise AcrcError(f"{member.id} cannot be given {error}") from None
+        items = decode_items(self._task, order.items, "give.items")
         check_room(member, items, self._limits)
         if fault := self._judge.give(self._now, member.id, items):
             raise AcrcError(fault)

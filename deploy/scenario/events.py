@@ -14,14 +14,17 @@ from actors.orders import Order
 from actors.runtime.errors import AcrcError
 from actors.settings import decode
 from actors.task.loading import decode_items, load_task
-from actors.task.task import Task, TaskError
+from actors.task.task import Task
 from actors.wording import toml_text
 from actors.world.world_setup import TimedOrder
 from deploy.scenario.tables import AreaTable, EventTable, PeopleTable, Scenario
 
 
 def robot_fault(scenario: Scenario) -> str | None:
-    """Return an error in the [[robot]] tables and the task's table, without a full stop; None if valid."""
+    """Return an error in the [[robot]] tables and those of the task, without a full stop; None if valid.
+
+    Raises AcrcError for items of another type.
+    """
     return _id_fault(scenario) or _task_fault(scenario)
 
 
@@ -38,12 +41,10 @@ def _id_fault(scenario: Scenario) -> str | None:
 
 def _task_fault(scenario: Scenario) -> str | None:
     task, settings = scenario_task(scenario)
-    tables = (("robot", scenario.robot), ("event", scenario.event))
-    for key, index, one in ((key, index, one) for key, all_of in tables for index, one in enumerate(all_of)):
-        try:
-            decode_items(task, one.items or ())
-        except TaskError as error:
-            return f"{key}[{index}].{scenario.table} has {error}"
+    given = [(f"robot[{index}]", one.items) for index, one in enumerate(scenario.robot)]
+    given += [(f"event[{index}]", one.items) for index, one in enumerate(scenario.event)]
+    for key, items in given:
+        decode_items(task, items or (), f"{key}.{scenario.table}")
     listed = [robot.id for robot in scenario.robot if robot.items is not None]
     return task.settings_fault(settings, scenario.ids, listed, [area.name for area in scenario.area])
 

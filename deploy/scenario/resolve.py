@@ -134,6 +134,7 @@ def resolve(scenario: Scenario) -> ResolvedScenario:
         BodySetup(**asdict(spec.table) | {"start": start, "items": _items(grid, spec, start, scenario)})
         for spec, start in zip(specs, start_poses, strict=True)
     )
+    explicit = _explicit_scenario(scenario, robots)
     run, step_us = scenario.run, milliseconds(scenario.run.step_ms)
     world = WorldSetup(
         map=scenario.map,
@@ -142,7 +143,7 @@ def resolve(scenario: Scenario) -> ResolvedScenario:
         step_us=step_us,
         duration_us=seconds(run.duration),
         robots=robots,
-        task=task_setup(scenario.task.use, scenario.task_settings),
+        task=task_setup(scenario.task.use, explicit.task_settings),
         events=timed_orders(scenario),
         uncertainty=scenario.uncertainty,
         people=_people_setup(scenario),
@@ -152,7 +153,6 @@ def resolve(scenario: Scenario) -> ResolvedScenario:
     ):  # otherwise the checks of the map above suffice
         _check_floor(world)
     addresses = tuple((robot.id, number) for number, robot in enumerate(robots, start=1))
-    explicit = _explicit_scenario(scenario, robots)
     return ResolvedScenario(
         scenario=explicit,
         grid=grid,

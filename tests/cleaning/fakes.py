@@ -8,8 +8,9 @@ from acrc_testbed.testing import floor
 from actors.geometry import Point, Pose
 from actors.instant import Instant, seconds
 from actors.items import ItemKey
+from actors.topic import MessagePart
 from cleaning.adaptive import AdaptiveCleaningRobot
-from cleaning.place import Assignment
+from cleaning.place import Assignment, VisitReport
 from cleaning.robot import CleaningRobot
 from deeco import Knowledge
 from deeco.knowledge import role_view
@@ -20,15 +21,16 @@ HERE = Pose(0.0, 0.0, 0.0)
 
 
 @dataclass
-class FakePlaceMonitor:
-    """A place monitor that records reports."""
+class FakeTaskMonitor:
+    """A task monitor that records reports."""
 
     visits: list[ItemKey] = field(default_factory=list)
     gone: list[tuple[ItemKey, str]] = field(default_factory=list)
     left: tuple[ItemKey, ...] | None = None
 
-    def visited(self, place: ItemKey, now: Instant) -> None:
-        self.visits.append(place)
+    def report(self, report: MessagePart) -> None:
+        assert isinstance(report, VisitReport)
+        self.visits.append(ItemKey(report.owner, report.number))
 
     def given_up(self, place: ItemKey, reason: str, now: Instant) -> None:
         assert 0 < len(reason) <= 100
@@ -95,7 +97,7 @@ class ScriptedSwarm(Generic[Robot]):
     """Robots, their published messages, and their places; an action `x` calls the method `_x`."""
 
     def __init__(self, robots: list[Robot]) -> None:
-        self.monitor = FakePlaceMonitor()
+        self.monitor = FakeTaskMonitor()
         self.robots = robots
         self.places = [assignment.key for robot in robots for assignment in robot.route]
         self.published: list[Any] = []

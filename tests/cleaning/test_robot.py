@@ -23,7 +23,7 @@ from tests.cleaning.fakes import (
     HERE,
     NOW,
     OPEN,
-    FakePlaceMonitor,
+    FakeTaskMonitor,
     adaptive,
     assignment,
     plain,
@@ -43,7 +43,7 @@ def at(robot: CleaningRobot, x: float) -> CleaningRobot:
 
 
 def test_places_are_visited_in_order() -> None:
-    monitor = FakePlaceMonitor()
+    monitor = FakeTaskMonitor()
     robot = plain(5.0, 10.0).set_destination(monitor, NOW)
     assert robot.destination == assignment(5.0) and monitor.visits == []
     plain(5.0, 10.0).report_status(monitor)
@@ -57,7 +57,7 @@ def test_places_are_visited_in_order() -> None:
 
 
 def test_passed_places_are_visited_and_the_destination_stays() -> None:
-    monitor = FakePlaceMonitor()
+    monitor = FakeTaskMonitor()
     robot = plain(5.0, 10.0, 2.0).set_destination(monitor, NOW)
     robot = at(robot, 2.2).set_destination(monitor, NOW)
     assert monitor.visits == keys(2)
@@ -65,24 +65,24 @@ def test_passed_places_are_visited_and_the_destination_stays() -> None:
 
 
 def test_added_places_are_appended_to_the_route_once() -> None:
-    tasks = RobotTaskList((Point(5.0, 0.0),), 0)
+    tasks = RobotTaskList(((5.0, 0.0),), 0)
     robot = plain(5.0)
     assert robot.take_on(tasks) is robot
-    tasks.places += (Point(8.0, 0.0), Point(9.0, 0.0))
+    tasks.items += ((8.0, 0.0), (9.0, 0.0))
     robot = robot.take_on(tasks)
     assert robot.route == (assignment(5.0), assignment(8.0, 1), assignment(9.0, 2))
     assert robot.take_on(tasks) is robot
-    tasks.places += (Point(3.0, 0.0),)
+    tasks.items += ((3.0, 0.0),)
     assert robot.take_on(tasks).route[3:] == (assignment(3.0, 3),)
     tasks = RobotTaskList((), 2)
-    tasks.places += (Point(8.0, 0.0),)
+    tasks.items += ((8.0, 0.0),)
     robot = plain().take_on(tasks)
     assert robot.route == (assignment(8.0, 0, term=2 * RESTART_TERM),), "restarted: with a higher term"
 
 
 @pytest.mark.parametrize(("retry", "orders"), [(True, 3), (False, 2)])
 def test_the_goal_is_sent_once_per_attempt_and_again_after_an_abort(retry: bool, orders: int) -> None:
-    navigation, monitor = LoggedNavigation(), FakePlaceMonitor()
+    navigation, monitor = LoggedNavigation(), FakeTaskMonitor()
     robot = replace(plain(5.0), parameters=CleaningParameters(retry=retry))
     robot = robot.sense(ScriptedPositioning(Pose(3.0, 4.0, 1.0))).set_destination(monitor, NOW)
     assert robot.position == Point(3.0, 4.0)
@@ -96,14 +96,14 @@ def test_the_goal_is_sent_once_per_attempt_and_again_after_an_abort(retry: bool,
 
 
 def test_after_the_last_visit_it_drives_on_to_the_place() -> None:
-    navigation, monitor = LoggedNavigation(), FakePlaceMonitor()
+    navigation, monitor = LoggedNavigation(), FakeTaskMonitor()
     robot = plain(5.0).set_destination(monitor, NOW).drive(navigation, monitor, NOW)
     robot = at(robot, 4.6).set_destination(monitor, NOW).drive(navigation, monitor, NOW)
     assert robot.target is None and navigation.goals == [Point(5.0, 0.0)]
 
 
 def test_a_robot_without_target_stops_once() -> None:
-    navigation, monitor = LoggedNavigation(), FakePlaceMonitor()
+    navigation, monitor = LoggedNavigation(), FakeTaskMonitor()
     robot = plain(5.0).set_destination(monitor, NOW).drive(navigation, monitor, NOW)
     robot = robot.heading_for(None).drive(navigation, monitor, NOW).drive(navigation, monitor, NOW)
     assert navigation.commands == [("go_to", Point(5.0, 0.0)), ("stop", None)]
@@ -112,7 +112,7 @@ def test_a_robot_without_target_stops_once() -> None:
 
 
 def test_a_waypoint_comes_first_and_no_destination_is_published() -> None:
-    navigation, monitor = LoggedNavigation(), FakePlaceMonitor()
+    navigation, monitor = LoggedNavigation(), FakeTaskMonitor()
     robot = plain(5.0).set_destination(monitor, NOW).sent_to(AWAY)
     robot = robot.set_destination(monitor, NOW).drive(navigation, monitor, NOW)
     assert robot.destination is None and navigation.goals == [AWAY]
@@ -121,7 +121,7 @@ def test_a_waypoint_comes_first_and_no_destination_is_published() -> None:
 
 
 def test_a_place_given_up_leaves_the_route_and_is_never_a_destination_again() -> None:
-    monitor = FakePlaceMonitor()
+    monitor = FakeTaskMonitor()
     robot = plain(5.0, 10.0).set_destination(monitor, NOW)
     robot = robot.given_up(robot.route[0], "the door is shut", monitor, NOW)
     assert monitor.gone == [(ItemKey("r1", 0), "the door is shut")]
@@ -134,7 +134,7 @@ def test_a_place_given_up_leaves_the_route_and_is_never_a_destination_again() ->
 
 @pytest.mark.parametrize("attempts", [0, 1, 3])
 def test_an_unreachable_place_is_given_up_after_the_limit(attempts: int) -> None:
-    navigation, monitor = LoggedNavigation(), FakePlaceMonitor()
+    navigation, monitor = LoggedNavigation(), FakeTaskMonitor()
     robot = replace(plain(5.0), parameters=CleaningParameters(no_plan_attempts=attempts))
     robot = robot.set_destination(monitor, NOW).drive(navigation, monitor, NOW)
     if attempts == 3:  # another reason resets the count
@@ -188,10 +188,10 @@ WHOLE = AdaptationParameters()
 
 
 def checked(
-    robot: AdaptiveCleaningRobot, times: int, monitor: FakePlaceMonitor | None = None
+    robot: AdaptiveCleaningRobot, times: int, monitor: FakeTaskMonitor | None = None
 ) -> AdaptiveCleaningRobot:
     for _ in range(times):
-        robot = robot.detect_blocked().auto_unblock(OPEN, RNG, monitor or FakePlaceMonitor(), NOW)
+        robot = robot.detect_blocked().auto_unblock(OPEN, RNG, monitor or FakeTaskMonitor(), NOW)
     return robot
 
 
@@ -255,7 +255,7 @@ def test_an_empty_route_does_not_crash(unblock: UnblockTarget) -> None:
 
 
 def test_a_place_is_given_up_after_the_limit_of_attempts() -> None:
-    monitor = FakePlaceMonitor()
+    monitor = FakeTaskMonitor()
     robot = replace(adaptive("r1", 0.0, 5.0), parameters=AdaptationParameters(attempts=3))
     robot = checked(robot, 40, monitor)
     assert monitor.gone == [
@@ -265,7 +265,7 @@ def test_a_place_is_given_up_after_the_limit_of_attempts() -> None:
 
 
 def test_visiting_a_place_resets_attempts() -> None:
-    monitor = FakePlaceMonitor()
+    monitor = FakeTaskMonitor()
     robot = replace(stuck(AdaptationParameters(attempts=2)), destination=assignment(5.0))
     robot = checked(robot, 1, monitor)
     assert len(robot.tried) == 1
@@ -388,7 +388,7 @@ def test_a_place_adopted_back_is_not_lost() -> None:
 def test_settled_places_are_not_adopted() -> None:
     for destination in (None, R1.destination, replace(R1.route[1], term=5)):
         assert adopts(R1, replace(seen(R2), destination=destination)) == R1
-    monitor = FakePlaceMonitor()
+    monitor = FakeTaskMonitor()
     r1 = replace(R1, position=Point(5.0, 0.0)).set_destination(monitor, NOW)
     r1 = replace(r1, position=Point(0.0, 0.0))
     assert adopts(r1, replace(seen(R2), destination=assignment(5.0, term=1))) == r1

@@ -34,11 +34,10 @@ from actors.runtime.codec import decode
 from actors.runtime.core import Address, Core, Delivery, Inputs, Output, at, read, to
 from actors.runtime.recording import NullJournal
 from actors.runtime.shell import MemoryBus, Shell, run_digest, run_shells
-from actors.task.task import Task
-from actors.world.body import Bodies
-from actors.world.core import WorldCore
+from actors.task.loading import task_setup
+from actors.topic import MessagePart
+from actors.world.program import build as build_world
 from actors.world.world_setup import BodySetup, TimedOrder, WorldSetup
-from cleaning.place import VisitReport
 from cleaning.referee import PlaceOutcome, Referee
 
 M = TypeVar("M")
@@ -48,7 +47,7 @@ STARTS = {"r1": (12.0, 13.0, 0.0), "r2": (17.0, 13.0, 0.0), "r3": (20.0, 11.0, 0
 
 @dataclass(frozen=True)
 class ScriptedAnswer:
-    reports: tuple[VisitReport, ...] = ()
+    reports: tuple[MessagePart, ...] = ()
     given_up: tuple[ItemGivenUp, ...] = ()
     route: tuple[ItemKey, ...] | None = None
 
@@ -119,14 +118,15 @@ class ScriptedSwarm:
         talks: Sequence[str] = (),
         kernels: Mapping[str, str] | None = None,
         places: tuple[tuple[float, float], ...] = ((15.0, 12.5),),
-        task: Task | None = None,
         charge: float | None = None,
+        task: str = "cleaning",
+        settings: Mapping[str, object] | None = None,
     ) -> None:
-        setup = self.setup_of(robots, seconds, events, places, charge)
+        setup = self.setup_of(robots, seconds, events, places, charge, task, settings)
         self.bus = MemoryBus()
         self.floor = FloorRecorder()
-        self.bodies = Bodies(setup)
-        self.core = WorldCore(setup, self.bodies, task or Referee(setup.robots, setup.reach))
+        self.core = build_world(setup)
+        self.bodies = self.core._bodies
         self.world = self._shell(self.core, self.core.listens(), "world", self.core.optional_inputs)
         addresses = tuple((robot, number + 1) for number, robot in enumerate(robots))
         self.radio = build_radio(RadioSetup(seed=1, step_us=STEP, robots=addresses))
@@ -151,13 +151,23 @@ class ScriptedSwarm:
         events: Sequence[tuple[float, Order]] = (),
         places: tuple[tuple[float, float], ...] = (),
         charge: float | None = None,
+        task: str = "cleaning",
+        settings: Mapping[str, object] | None = None,
     ) -> WorldSetup:
         setups = tuple(
             BodySetup(robot, "turtlebot2", None, STARTS[robot], places, odometry="exact", battery=charge)
             for robot in robots
         )
         timed = tuple(TimedOrder(round(when * 1e6), order) for when, order in events)
-        return WorldSetup("maps/corridor.yaml", 1, STEP, round(seconds * 1e6), setups, timed)
+        return WorldSetup(
+            map="maps/corridor.yaml",
+            seed=1,
+            step_us=STEP,
+            duration_us=round(seconds * 1e6),
+            robots=setups,
+            task=task_setup(task, settings or {}),
+            events=timed,
+        )
 
     def start(self, robot: str, epoch: int, step: int, kernels: str = "k") -> None:
         name = f"{robot}.{epoch}" if epoch else robot
@@ -170,9 +180,8 @@ class ScriptedSwarm:
 
     @property
     def places(self) -> tuple[PlaceOutcome, ...]:
-        (places,) = self.core.task_outcome.values()
-        assert isinstance(places, tuple)
-        return places
+        assert isinstance(self.core._judge, Referee)
+        return tuple(self.core._judge.places(self.core._participants.present))
 
     def run(self) -> "ScriptedSwarm":
         run_shells(self.shells)

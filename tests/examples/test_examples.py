@@ -20,7 +20,7 @@ from examples.courteous import CourteousRobot, OfferingCleaner, PlaceHandover, R
 from tests.cleaning.fakes import (
     NOW,
     OPEN,
-    FakePlaceMonitor,
+    FakeTaskMonitor,
     assignment,
     route,
 )
@@ -87,7 +87,7 @@ def test_it_reorders_the_queue() -> None:
 
 
 def test_it_pauses_and_resumes_the_robot() -> None:
-    navigation, monitor = LoggedNavigation(), FakePlaceMonitor()
+    navigation, monitor = LoggedNavigation(), FakeTaskMonitor()
     r1 = robot("r1", 0.0, 5.0).drive(navigation, monitor, NOW)
     r1 = replace(r1, waits_until=Instant(NOW + seconds(2)))
     for later in (0, 1):
@@ -108,7 +108,7 @@ def test_a_blocked_robot_waits_or_drives_to_a_random_place() -> None:
     }
     navigation = LoggedNavigation()
     aside = next(one for one in made if one.waypoint)
-    aside.drive(navigation, FakePlaceMonitor(), NOW)
+    aside.drive(navigation, FakeTaskMonitor(), NOW)
     assert navigation.goals == [aside.waypoint]
 
 
@@ -127,7 +127,7 @@ def test_it_hands_a_place_over_to_a_finished_robot() -> None:
 
 
 def test_remaining_places_are_given_up_at_closing_time() -> None:
-    monitor = FakePlaceMonitor()
+    monitor = FakeTaskMonitor()
     r1 = robot("r1", 0.0, 5.0, 9.0)
     assert r1.close(monitor, Instant(START + seconds(579))) == r1
     r1 = r1.close(monitor, Instant(START + seconds(580)))

@@ -177,4 +177,4 @@ def test_robots_reach_places_on_public_maps(public: PublicMap, tmp_path: Path) -
     )
     plan = swarm.plan(parse(text, tmp_path / "scenario.toml"), RunOptions(tmp_path / "out", bus="memory"))
     result = swarm.run_in_memory(plan, lambda progress: None)
-    assert (result.places_done or 0) >= 3 and result.places_given_up == 0
+    assert int(result.task["places_done"] or 0) >= 3 and result.task["places_given_up"] == 0

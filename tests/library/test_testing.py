@@ -101,7 +101,7 @@ def test_starts_name_all_members_and_equal_seeds_draw_equal_numbers() -> None:
     swarm, again = ScriptedSwarm().swarm, ScriptedSwarm().swarm
     r1, r2 = (swarm[name].start for name in ("r1", "r2"))
     assert (r1.address, r2.address, r1.members) == (1, 2, {"r1": 1, "r2": 2})
-    assert (r1.pose.point, r1.places, r2.places) == (DOORWAY["a"], (Point(3.0, 0.0),), ())
+    assert (r1.pose.point, r1.items, r2.items) == (DOORWAY["a"], ([3.0, 0.0],), ())
     assert r1.floor.random_point() == again["r1"].start.floor.random_point() != r2.floor.random_point()
 
 

@@ -10,10 +10,9 @@ import pytest
 
 from actors.installation.repository import PACKAGES, REPOSITORY
 from actors.installation.usage import OptionError
-from actors.robot.behaviour import code_permit
-from actors.robot.behaviour.code_permit import INSTALLED, Permit, permitted_folders
+from actors.robot.behaviour.code_permit import INSTALLED, Permit, permit_of, permitted_folders
 from actors.runtime.errors import AcrcError
-from actors.user_code import FINDER, RecordedModules, expect_hashes, module_file, set_folders
+from actors.user_code import FINDER, RecordedModules, expect_hashes, is_installed, module_file, set_folders
 
 SOURCE = Path("bold.toml")
 RECORDED, CHANGED, GROWN = "import json\n", "raise AssertionError\n", "from package import more\n"
@@ -129,7 +128,7 @@ def test_folders_beside_the_packages_are_not_installed() -> None:
     """Pytest and `python -m` have the repository on Python's path, and people unpack things there."""
     assert str(REPOSITORY) in sys.path
     for module in ("tests.run.heir", "examples.courteous", "runs.received.evil", "conftest"):
-        assert not code_permit.is_installed(module)
+        assert not is_installed(module)
     project = tomllib.loads((REPOSITORY / "pyproject.toml").read_text())
     packages = project["tool"]["setuptools"]["packages"]["find"]["include"]
     assert {name.removesuffix("*") for name in packages} == PACKAGES
@@ -149,13 +148,13 @@ def test_a_link_to_a_library_is_not_installed(study: Path) -> None:
 
 def test_a_folder_for_modules_must_be_a_directory(study: Path) -> None:
     with pytest.raises(OptionError) as caught:
-        code_permit.permit_of([study / "strategy.py"])
+        permit_of([study / "strategy.py"])
     assert (
         str(caught.value)
         == f"--modules: {study}/strategy.py is not a folder; give a folder of Python modules"
     )
     (study.parent / "link").symlink_to(study)
-    assert code_permit.permit_of([study.parent / "link"]) == Permit((study,))
+    assert permit_of([study.parent / "link"]) == Permit((study,))
 
 
 def test_a_module_with_the_name_of_an_installed_one_is_refused(study: Path) -> None:

@@ -9,6 +9,7 @@ import pytest
 from actors.processes.launcher import Launcher
 from actors.runtime.errors import AcrcError
 from actors.runtime.isolation.sandbox import isolation_fault
+from cleaning.place import points
 from deploy.run import swarm
 from deploy.run.options import RunOptions
 from deploy.run.plan import RunPlan
@@ -35,7 +36,7 @@ class Own:
         return Decision()
 
 def behaviour(start: Start) -> Behaviour:
-    made.append((start, from_settings(Parameters, start.settings), start.floor.random_place()))
+    made.append((start, from_settings(Parameters, start.settings), start.floor.random_point()))
     return Own()
 
 def undeployed(start: Start) -> Behaviour:
@@ -65,7 +66,7 @@ def test_preflight_makes_the_first_robot(
     [(start, parameters, place)] = sys.modules["study_right"].made
     assert str(tmp_path) not in sys.path
     assert (start.robot, start.address, start.epoch) == ("r1", 1, 0)
-    assert start.places == tuple(plan.world.robots[0].places)
+    assert points(start.items) == points(plan.world.robots[0].items)
     assert (dict(start.settings), parameters.lease) == ({"lease": 3}, 3_000_000)
     assert start.exchange.hop_limit == 5
     assert 8 <= place.x <= 12 and 10.5 <= place.y <= 13.8

@@ -155,7 +155,6 @@ def test_impossible_numbers_are_refused(
         (DRIVE, Drive(7, 0.0, 0.0, 0.0, 33)),
         (DRIVE, Drive(7, 0.0, 0.0, 0.0, -1)),
         (DRIVE, Drive(7, 0.0, 0.0, 0.0, 0, pose=(1.0, 1.0, math.inf))),
-        (SENSES, SensorData(0, 0, 0, STILL, 0, places=((0.0, math.nan),))),
         (TRUTH, Truth(0, 0, (), (msgspec.structs.replace(JAM, radius=0.0),))),
         (TRUTH, Truth(0, 0, (), (msgspec.structs.replace(JAM, until=10**16),))),
     ],

@@ -71,10 +71,10 @@ def test_places_are_drawn_in_all_or_in_named_areas() -> None:
         for line in ("", 'preset = "areas"', 'areas = ["Office1"]')
     )
     assert absent == asked
-    everywhere = [place for robot in absent for place in robot.places]
+    everywhere = [place for robot in absent for place in robot.items]
     assert {within(FIRST, place) for place in everywhere} == {True, False}
     assert all(within(FIRST, place) or within(SECOND, place) for place in everywhere)
-    assert all(within(FIRST, place) for robot in named for place in robot.places)
+    assert all(within(FIRST, place) for robot in named for place in robot.items)
     free = '[places]\npreset = "free"\n'
     assert robots("") == robots(free) == robots(free + OFFICES), "without areas: on all free floor"
 
@@ -148,7 +148,7 @@ def test_invalid_drawn_floors_are_reported_with_their_key() -> None:
 
 
 def _places(scenario: Scenario) -> list[tuple[float, float]]:
-    return [place for robot in scenario.robot for place in robot.places or ()]
+    return [place for robot in scenario.robot for place in robot.items or ()]
 
 
 def test_the_copy_in_a_run_reads_as_the_map_itself(tmp_path: Path) -> None:

@@ -53,7 +53,7 @@ KEYS = {
     "[robot_s]": "unknown key robot_s; did you mean robots?",
     "xyz = 1":
         "unknown key xyz; known keys: map, strategy, deeco, localisation, navigation, planner, local_map, "
-        "dwa, area, run, robots, places, radio, uncertainty, people, robot, event, wall, wifi",
+        "dwa, area, task, places, run, robots, radio, uncertainty, people, robot, event, wall, wifi",
     '[[area]]\nname = "a"\nx = [1, 2]\ny = [1, 2]\nz = 0':
         "unknown key area[0].z; known keys of area[0]: name, x, y",
 }  # fmt: skip
@@ -91,7 +91,7 @@ EVENTS = {
     "at = 1\nobstacle = [1, 2]\nradius = 1\nduration = 2":
         "event[0].duration cannot be used with obstacle, which takes radius",
     'at = 1\ngive = "r1"\nplaces = []':
-        "event[0].places is [], but must be a list of 1 to 1000 points [x, y] in m",
+        "event[0].places is [], but must be a list of 1 to 1000 items of the task",
     'at = 1\nkill = "r9"': 'event[0].kill is "r9", but must be one of the robots r1 to r4',
     'at = 59.91\nkill = "r1"':
         "event[0].at is 59.91, but must be from 0 to 59.9 s, where the last step begins",

@@ -24,13 +24,13 @@ from actors.orders import (
 from actors.runtime.errors import AcrcError
 from actors.world.world_setup import TimedOrder
 from cleaning.place import GOLDEN
-from deploy.scenario.events import place_areas
+from deploy.scenario.events import item_area_tables
 from deploy.scenario.resolve import ResolvedScenario, resolve, robot_setup
 from deploy.scenario.scenario_file import Overrides, load_scenario
 from tests.scenario.faults import MAP, scenario
 
 CORRIDOR = REPOSITORY / "scenarios" / "corridor.toml"
-AREAS = place_areas(load_scenario(CORRIDOR)) or ()
+AREAS = [table.area for table in item_area_tables(load_scenario(CORRIDOR))]
 MOST_ROUNDING = 0.001
 """Drawn points are rounded to 1 mm, m."""
 
@@ -49,7 +49,7 @@ def test_the_seed_decides_places_and_drawn_starts_but_not_given_starts() -> None
     one, other = shipped(robots=10), shipped(robots=10, seed=2)
     assert one == shipped(robots=10) and shipped(robots=14).world.robots[:10] == one.world.robots
     for mine, others in zip(one.world.robots, other.world.robots, strict=True):
-        assert mine.places != others.places
+        assert mine.items != others.items
         assert (mine.start == others.start) == (mine.id != "r10")
 
 
@@ -66,7 +66,7 @@ def test_drawn_starts_and_places_keep_their_distances() -> None:
     for index, drawn in enumerate(starts[9:], start=9):
         assert min(drawn.distance_to(other) for other in starts[:index]) > 0.6 - MOST_ROUNDING
     for robot in world.robots:
-        places = [Point(*place) for place in robot.places]
+        places = [Point(*place) for place in robot.items]
         for place in places:
             assert any(area.x0 <= place.x <= area.x1 and area.y0 <= place.y <= area.y1 for area in AREAS)
         assert all(a.distance_to(b) > 0.6 - MOST_ROUNDING for a, b in pairwise(places))
@@ -75,9 +75,9 @@ def test_drawn_starts_and_places_keep_their_distances() -> None:
 def test_the_first_four_robots_get_golden_places_and_others_random_ones() -> None:
     text = '[robots]\ncount = 5\n[places]\npreset = "golden"\n[run]\nseed = '
     robots, others = resolve(scenario(f"{text}1")).world.robots, resolve(scenario(f"{text}2")).world.robots
-    assert [robot.places for robot in robots[:4]] == [tuple(map(tuple, places)) for places in GOLDEN]
-    assert robots[4].places != others[4].places
-    short = resolve(scenario('[places]\npreset = "golden"\nper_robot = 3')).world.robots[1].places
+    assert [robot.items for robot in robots[:4]] == [tuple(map(tuple, places)) for places in GOLDEN]
+    assert robots[4].items != others[4].items
+    short = resolve(scenario('[places]\npreset = "golden"\nper_robot = 3')).world.robots[1].items
     assert short == GOLDEN[1][:3]
 
 
@@ -90,10 +90,10 @@ def test_a_robots_table_overrides_common_values() -> None:
     first, second = resolve(scenario(text)).world.robots
     # the sensor for all belongs to the model for all: another model carries its own
     assert (first.model, first.sensor, first.odometry) == ("omnibox", "kinect", "exact")
-    assert (first.start, first.places) == ((12.0, 4.0, 1.0), ((12.0, 3.0),))
+    assert (first.start, first.items) == ((12.0, 4.0, 1.0), ((12.0, 3.0),))
     assert (second.model, second.sensor, second.odometry) == ("turtlebot2", "chapter", "exact")
     assert second.start == (17.5, 5.0, math.remainder(7, math.tau))
-    assert len(second.places) == 10
+    assert len(second.items) == 10
 
 
 def test_events_become_orders_in_the_order_of_their_instants() -> None:
@@ -135,11 +135,11 @@ REFUSED = {
     "[robots]\ncount = 2\nstart = [[12, 5, 0], [12.3, 5, 0]]":
         "robots r1 and r2 start 0.300 m apart at (12.3, 5), but must be at least 0.354 m apart",
     '[[event]]\nat = 1\nmove = "r2"\nto = [-3, 0, 0]': "robot 'r2' at (-3.00, 0.00) is outside the ",
-    '[[event]]\nat = 1\ngive = "r2"\nplaces = [[5, 12.5]]': "event[0].places has (5, 12.5), but must be",
+    '[[event]]\nat = 1\ngive = "r2"\nplaces = [[5, 12.5]]': "event[0].places has [5.0, 12.5], but ",
     "[[event]]\nat = 1\nclose = [9, 12]":
         "event[0].close: (9, 12) is not at a door; the map's doors are at (12.52, 9.48), ",
     "[[event]]\nat = 1\nopen = [12.4, 9.4]": "event[0] cannot open a door at 1 s: it is open then",
-    '[[robot]]\nid = "r2"\nplaces = [[12, 5], [5, 12.5]]': "place 1 of robot r2 is at (5, 12.5), ",
+    '[[robot]]\nid = "r2"\nplaces = [[12, 5], [5, 12.5]]': "place 1 of robot r2 is [5.0, 12.5], ",
     '[places]\npreset = "golden"\nper_robot = 11': "places.per_robot is 11, but must be at most 10 wh",
     '[run]\nstrategy = "prayer"': "unknown strategy 'prayer'; choose from ",
     '[radio]\npreset = "ether"': "Radio preset 'ether' is unknown; known are chapter, ",

@@ -27,10 +27,10 @@ from actors.robot.navigation.steering import DWA_PRESETS
 from actors.robot.stack import Adaptation, Stack, stack
 from actors.robot_model import load_model
 from actors.runtime.errors import AcrcError
-from actors.settings import decode, loads
+from actors.settings import loads
 from deploy.scenario.resolve import resolve
 from deploy.scenario.scenario_file import Overrides, load_scenario, parse
-from deploy.scenario.tables import Scenario, to_toml
+from deploy.scenario.tables import Scenario, decode_swarm_file, to_toml
 from tests.navigation.course import DWA, LOCAL_MAPS
 from tests.scenario.faults import scenario
 
@@ -274,7 +274,7 @@ scenarios = some.fixed_dictionaries(
 @given(scenarios)
 @settings(max_examples=40, deadline=None, derandomize=True)
 def test_every_scenario_loads_as_it_was_written(content: dict[str, Any]) -> None:
-    written = decode(Scenario, _as_lists(content))
+    written = decode_swarm_file(Scenario, _as_lists(content))
     assert parse(to_toml(written), Path("/some.toml")) == written
     told = written.adaptation
     assert told.settings == written.strategy

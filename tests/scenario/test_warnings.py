@@ -65,7 +65,7 @@ def test_a_start_that_the_local_planner_cannot_leave(
     rooms(tmp_path, cell)
     settled = scenario(tmp_path, [start], [[(5.0, 2.0)]], preset=preset)
     result = record(tmp_path / "out", settled)
-    assert result.places_done == (0 if needed else 1)
+    assert result.task["places_done"] == (0 if needed else 1)
     assert result.warnings == warned(settled) == ((
         f"robot r1 starts {start[0]:.2f} m from a wall, at ({start[0]:.2f}, 2.00); the local planner of "
         f"navigation `chapter` cannot drive off from there: it needs {needed} m",
@@ -79,7 +79,7 @@ def test_places_near_walls(tmp_path: Path) -> None:
         "place r1/0 is 0.15 m from a wall; navigation `robust` needs 0.26 m, so that the robot visits it "
         "from a distance, within its reach of 0.5 m",
     )
-    assert record(tmp_path / "out", settled).places_done == 1
+    assert record(tmp_path / "out", settled).task["places_done"] == 1
     near = scenario(tmp_path, [(1.0, 1.0, 0.0)], [[(5.9, 2.0)]], "[strategy]\nreach = 0.1\n", "chapter")
     assert warned(near) == (
         "place r1/0 is 0.10 m from a wall; navigation `chapter` needs 0.27 m, but no point within the "

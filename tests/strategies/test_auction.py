@@ -22,7 +22,7 @@ from tests.cleaning.fakes import (
     NOW,
     OPEN,
     Action,
-    FakePlaceMonitor,
+    FakeTaskMonitor,
     ScriptedSwarm,
     assignment,
     published,
@@ -50,7 +50,7 @@ def keys(robot: BiddingRobot) -> set[ItemKey]:
 
 def test_a_place_goes_to_the_cheapest_robot_without_changing_destinations() -> None:
     r1, r2 = bidder("r1", 0.0, 1.0, 20.0), bidder("r2", 21.0, 22.0)
-    r2 = r2.set_destination(FakePlaceMonitor(), NOW)
+    r2 = r2.set_destination(FakeTaskMonitor(), NOW)
     taken = hears(r2, seen(r1))
     assert keys(taken) == {ItemKey("r2", 0), ItemKey("r1", 1)} and taken.destination == r2.destination
     assert taken.adopted[-1].key == ItemKey("r1", 1)

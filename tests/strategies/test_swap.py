@@ -8,7 +8,7 @@ from actors.instant import Instant, seconds
 from cleaning.adoption import AdoptedDestinationRemove
 from cleaning.cleaner import State
 from cleaning.strategies.swap import OfferAcceptance, OfferConclusion, Offers, Swapper, SwappingRobot
-from tests.cleaning.fakes import NOW, OPEN, FakePlaceMonitor, assignment, published, route
+from tests.cleaning.fakes import NOW, OPEN, FakeTaskMonitor, assignment, published, route
 
 seen = partial(published, role=Swapper)
 OFFERS, ACCEPTS, CONCLUDES, REMOVE = (
@@ -70,7 +70,7 @@ def test_a_lost_answer_loses_no_place() -> None:
 
 def test_an_offer_that_is_no_longer_worth_it_is_not_accepted() -> None:
     r1 = hears(R1, seen(R2))
-    moved = replace(R2, position=Point(-4.6, 0.0)).set_destination(FakePlaceMonitor(), NOW)
+    moved = replace(R2, position=Point(-4.6, 0.0)).set_destination(FakeTaskMonitor(), NOW)
     assert hears(moved, seen(r1)) == moved, "it has visited what r1 wants"
     turned = replace(robot("r2", 1.0, -5.0, 8.0), destination=route(-5.0, 8.0, owner="r2")[1])
     assert hears(turned, seen(r1)) == turned

@@ -21,9 +21,9 @@ class ReportingRobot:
         robot, step = self._start.robot, view.instant // (until - view.instant)
         if step != REPORT_STEP:
             return Decision()
-        keys = tuple(ItemKey(robot, place) for place in range(len(self._start.places)))
+        keys = tuple(ItemKey(robot, number) for number in range(len(self._start.items)))
         if robot == "r1":
-            given_up = tuple(ItemGivenUp(k.owner, k.place, view.instant, "stands still") for k in keys)
+            given_up = tuple(ItemGivenUp(k.owner, k.number, view.instant, "stands still") for k in keys)
             return Decision(given_up=given_up, route=())
         return Decision(reports=(VisitReport(robot, 0, view.instant),), route=keys[1:-1])
 

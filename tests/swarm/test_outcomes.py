@@ -13,6 +13,7 @@ from acrc_testbed.recordings.run_recordings import read_setup
 from acrc_testbed.results.result import RunResult
 from actors.installation.repository import REPOSITORY as ROOT
 from actors.radio.radio_model import RadioSetup
+from actors.task.task import Value
 from deploy.run import swarm
 from deploy.run.options import RunOptions
 from deploy.scenario.scenario_file import Overrides, load_scenario
@@ -36,30 +37,34 @@ def outcome(scenario: Scenario, out: Path) -> RunResult:
     return swarm.run_in_memory(swarm.plan(scenario, RunOptions(out, bus="memory")), lambda progress: None)
 
 
+def done_total_lost(result: RunResult) -> tuple[Value, ...]:
+    return tuple(result.task[f"places_{name}"] for name in ("done", "total", "lost"))
+
+
 @pytest.mark.parametrize("seed", sampled((seed for seed in range(1, 21) if seed != IN_THE_WAY), SAMPLE))
 def test_with_the_strategy_chapter_all_places_are_cleaned(seed: int, tmp_path: Path) -> None:
     result = outcome(head_on("chapter", seed, 600.0), tmp_path / "out")
-    assert (result.places_done, result.places_total, result.places_lost) == (6, 6, 0)
+    assert done_total_lost(result) == (6, 6, 0)
 
 
 @pytest.mark.parametrize(("make_way", "done"), [(False, 5), (True, 6)])
 def test_a_finished_robot_may_have_to_make_way(make_way: bool, done: int, tmp_path: Path) -> None:
     scenario = msgspec.structs.replace(head_on("chapter", IN_THE_WAY, 150.0), strategy={"make_way": make_way})
     result = outcome(scenario, tmp_path / "out")
-    assert (result.places_done, result.places_total, result.places_lost) == (done, 6, 0)
+    assert done_total_lost(result) == (done, 6, 0)
 
 
 @pytest.mark.parametrize("seed", sampled((1, 2), (1,)))
 def test_without_adaptation_robots_stay_blocked(seed: int, tmp_path: Path) -> None:
     result = outcome(head_on("none", seed, 60.0), tmp_path / "out")
-    assert (result.places_done, result.places_lost, result.simulated_s) == (0, 0, 60.0)
+    assert done_total_lost(result) == (0, 6, 0) and result.simulated_s == 60.0
 
 
 @pytest.mark.nightly
 @pytest.mark.parametrize("strategy", ["released", "examples.courteous:behaviour"])
 def test_the_released_code_and_the_shipped_example_clean_all_places(strategy: str, tmp_path: Path) -> None:
     result = outcome(head_on(strategy, 5, 300.0), tmp_path / "out")
-    assert (result.places_done, result.places_lost) == (6, 0)
+    assert done_total_lost(result) == (6, 6, 0)
 
 
 @pytest.mark.parametrize(("exchange", "done"), [(True, 2), (False, 1)])
@@ -67,24 +72,23 @@ def test_a_late_adoption_requires_the_exchange(exchange: bool, done: int, tmp_pa
     """Without it, r2 loses its only place and blocks the passage for r1 for good."""
     scenario = head_on("chapter", 1, 120.0)
     asleep = (EventTable(at=18.0, freeze="r2"), EventTable(at=18.2, thaw="r2"))  # when both adopt
-    one_place = msgspec.structs.replace(scenario.places, per_robot=1)
-    r1 = msgspec.structs.replace(scenario.robot[0], places=((9.0, 12.5),))
+    r1 = msgspec.structs.replace(scenario.robot[0], items=((9.0, 12.5),))
     changed = {
-        "places": one_place,
+        "task_settings": {"per_robot": 1},
         "robot": (r1,),
         "event": asleep,
         "strategy": {"exchange": exchange},
     }
     result = outcome(msgspec.structs.replace(scenario, **changed), tmp_path / "out")
-    assert (result.places_done, result.places_total, result.places_lost) == (done, 2, 0)
+    assert done_total_lost(result) == (done, 2, 0)
 
 
 @pytest.mark.parametrize("seed", sampled(range(1, 11), (4,)))
 def test_a_robot_alone_cleans_all_its_places(seed: int, tmp_path: Path) -> None:
     overrides = Overrides(robots=1, seed=seed, duration=600.0)
     result = outcome(load_scenario(ROOT / "scenarios" / "corridor.toml", overrides), tmp_path / "out")
-    assert (result.places_done, result.places_total) == (10, 10)
-    assert result.completion_s is not None and result.completion_s <= 600.0
+    assert done_total_lost(result) == (10, 10, 0)
+    assert result.task["completion_s"] is not None
 
 
 def run(out: Path, *words: object) -> dict[str, Any]:
@@ -173,13 +177,14 @@ def test_the_result_contains_reports_of_robots(scenario: Path, tmp_path: Path, b
     result = make(tmp_path / "out", scenario, "--modules", ROOT)
     assert result["simulated_s"] == 6.0  # open places of r2, and the event, extend the run
     names = ("places_total", "places_done", "places_claimed", "places_given_up", "places_lost")
-    assert [result[name] for name in names] == [8, 0, 1, 4, 0]  # the restarted r2 has all its places
-    assert (result["completion_s"], result["settled_s"], result["last_reached_s"]) == (None, None, 3.0)
+    task = result["task"]
+    assert [task[name] for name in names] == [8, 0, 1, 4, 0]  # the restarted r2 has all its places
+    assert (task["completion_s"], task["settled_s"], task["last_reached_s"]) == (None, None, 3.0)
     about_poses = result["per_robot"]["r1"].pop("pose_error")
     assert (about_poses["samples"], about_poses["times_lost"]) == (60, 0) and about_poses["rmse"] < 0.1
     ways = [part.pop("driven_m") for part in result["per_robot"].values()]
     assert result.pop("driven_m") == pytest.approx(sum(ways), abs=0.01)
-    assert result["per_robot"]["r1"] == {
+    assert result["per_robot"]["r1"]["task"] == {
         "places_total": 4, "places_done": 0, "places_claimed": 0, "places_given_up": 4, "completion_s": None
     }  # fmt: skip
     assert result["radio_bytes_per_robot_s"] == 0.0
@@ -207,7 +212,7 @@ def test_the_result_contains_reports_of_robots(scenario: Path, tmp_path: Path, b
 def test_a_place_on_no_route_is_lost(scenario: Path, tmp_path: Path) -> None:
     scenario.write_text(REPORTING.replace('restart = "r2"', 'kill = "r1"'))
     result = run(tmp_path / "out", scenario, "--modules", ROOT)
-    assert result["places_lost"] == 1  # the last of r2's
+    assert result["task"]["places_lost"] == 1  # the last of r2's
     assert acrc("record", "check", tmp_path / "out").returncode == 0
 
 

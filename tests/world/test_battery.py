@@ -213,7 +213,7 @@ REST = Odometry(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
     ("message", "fields"),
     [
         (SensorData(0, 0, 0, REST, 0), 8),
-        (SensorData(0, 0, 0, REST, 0, places=((1.0, 2.0),)), 9),
+        (SensorData(0, 0, 0, REST, 0, items=([1.0, 2.0],)), 9),
         (SensorData(0, 0, 0, REST, 0, battery=0.5), 10),
         (Truth(0, 0, ()), 5),
         (Truth(0, 0, (), charges=(None, 0.25)), 7),

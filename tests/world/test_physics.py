@@ -17,7 +17,7 @@ from actors.messages import Jam, ProcessOrder
 from actors.orders import Freeze, Kill, Pause, Restart, Resume, StartJam, Stop
 from actors.robot_model import OdometryKind, RobotModel
 from actors.runtime.errors import AcrcError
-from actors.task.task import Task
+from actors.task.task import Judge, Task
 from actors.world.body import Bodies
 from actors.world.order_execution import OrderEffects, Orders
 from actors.world.physics import SUBSTEP, Arena, Shape, disc, footprint_at, gap, wall_gap
@@ -313,20 +313,20 @@ def test_only_walls_that_can_overlap_count() -> None:
 
 NOWHERE = cast(Bodies, None)
 """Unused: the orders of these tests do not concern bodies."""
-NOTHING = cast(Task, None)
+TASK, JUDGE = cast(Task, None), cast(Judge, None)
 """Unused, too."""
 KIND: OdometryKind = "stage"
 
 
 def orders(*events: TimedOrder) -> Orders:
     robots = tuple(
-        BodySetup(id=name, model="turtlebot2", sensor=None, odometry=KIND, start=(0.0, 0.0, 0.0), places=())
+        BodySetup(id=name, model="turtlebot2", sensor=None, odometry=KIND, start=(0.0, 0.0, 0.0), items=())
         for name in ("r1", "r2")
     )
     roster = Participants(robots)
     for member in roster.members:
         member.state = BarrierState.STEPPING
-    return Orders(events, roster, NOWHERE, NOTHING)
+    return Orders(events, roster, NOWHERE, TASK, JUDGE)
 
 
 def test_due_events_have_their_effects() -> None:

@@ -1,4 +1,4 @@
-"""The referee of places, and pose errors of robots."""
+"""Robot models, and pose errors of robots."""
 
 import math
 from pathlib import Path
@@ -8,123 +8,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from msgspec.structs import replace
-from numpy.typing import NDArray
 
 from actors import geometry
-from actors.instant import Instant
-from actors.items import ItemGivenUp, ItemKey
 from actors.messages import RobotTruth
 from actors.robot_model import load_model, scan_angles
 from actors.runtime.errors import AcrcError
 from actors.world.sensing import PoseError, PoseErrorSum
-from actors.world.world_setup import BodySetup
-from cleaning.place import VisitReport
-from cleaning.referee import PlaceOutcome, PlaceVerdict, Referee
-from cleaning.visits import find_visits
 from tests.refusals import refused
-
-
-def robot(name: str, *places: tuple[float, float]) -> BodySetup:
-    return BodySetup(
-        id=name, model="turtlebot2", sensor=None, odometry="exact", start=(0.0, 0.0, 0.0), places=places
-    )
-
-
-@pytest.fixture
-def referee() -> Referee:
-    return Referee((robot("r1", (0.0, 0.0), (3.0, 0.0)), robot("r2", (6.0, 0.0))), reach=0.5)
-
-
-def at(*points: tuple[float, float]) -> NDArray[np.float64]:
-    return np.array(points)
-
-
-def verdicts(referee: Referee) -> list[PlaceVerdict]:
-    return [outcome.verdict for outcome in referee.outcomes({})]
-
-
-def test_a_place_is_reached_once_and_by_the_first(referee: Referee) -> None:
-    referee.watch(Instant(0), at((0.6, 0.0), (9.0, 9.0)))
-    referee.watch(Instant(100), at((0.4, 0.0), (0.0, 0.1)))
-    referee.watch(Instant(200), at((0.0, 0.0), (6.0, 0.2)))
-    routes = {"r1": (ItemKey("r2", 0),), "r2": (ItemKey("r2", 0), ItemKey("r1", 1))}
-    assert referee.outcomes(routes) == (
-        PlaceOutcome("r1", 0, 0.0, 0.0, 100, "r1", None, None, None, None, None, ()),
-        PlaceOutcome("r1", 1, 3.0, 0.0, None, None, None, None, None, None, None, ("r2",)),
-        PlaceOutcome("r2", 0, 6.0, 0.0, 200, "r2", None, None, None, None, None, ("r1", "r2")),
-    )
-
-
-def test_done_is_reported_and_true_by_then(referee: Referee) -> None:
-    referee.watch(Instant(100), at((0.0, 0.0), (9.0, 9.0)))
-    referee.report("r1", VisitReport("r1", 0, 150))  # true
-    referee.report("r2", VisitReport("r1", 1, 150))  # claimed, and nobody had been there
-    referee.report("r2", VisitReport("r2", 0, 150))  # claimed too early
-    referee.watch(Instant(200), at((6.0, 0.0), (9.0, 9.0)))
-    assert verdicts(referee) == [PlaceVerdict.DONE, PlaceVerdict.MISTAKEN, PlaceVerdict.MISTAKEN]
-    assert [outcome.done for outcome in referee.outcomes({})] == [True, False, False]
-    assert referee.progress(()).done == 3
-
-
-def test_the_first_report_and_the_first_giving_up_count(referee: Referee) -> None:
-    referee.report("r2", VisitReport("r1", 0, 10))
-    referee.report("r1", VisitReport("r1", 0, 20))
-    referee.give_up("r2", ItemGivenUp("r1", 1, 30, "blocked"))
-    referee.give_up("r1", ItemGivenUp("r1", 1, 40, "no plan"))
-    reported, given_up, _ = referee.outcomes({})
-    assert (reported.reported_at, reported.reported_by) == (10, "r2")
-    assert (given_up.given_up_at, given_up.given_up_by, given_up.reason) == (30, "r2", "blocked")
-    assert referee.progress(()).done == 1
-
-
-def test_a_place_reported_and_given_up_counts_as_reported(referee: Referee) -> None:
-    referee.watch(Instant(0), at((0.0, 0.0), (3.0, 0.0)))
-    referee.give_up("r2", ItemGivenUp("r1", 0, 10, "blocked"))
-    referee.report("r1", VisitReport("r1", 0, 20))
-    referee.report("r1", VisitReport("r1", 1, 30))
-    referee.give_up("r2", ItemGivenUp("r1", 1, 40, "blocked"))
-    assert verdicts(referee) == [PlaceVerdict.DONE, PlaceVerdict.DONE, PlaceVerdict.LOST]
-    assert [outcome.settled_at for outcome in referee.outcomes({})] == [10, 30, None]
-    assert [outcome.given_up_at for outcome in referee.outcomes({})] == [10, 40, None]
-
-
-def test_a_place_without_owner_is_lost(referee: Referee) -> None:
-    referee.give_up("r1", ItemGivenUp("r1", 0, 10, "blocked"))
-    outcomes = referee.outcomes({"r1": (ItemKey("r1", 1),), "r2": ()})
-    assert [outcome.verdict for outcome in outcomes] == [
-        PlaceVerdict.GIVEN_UP,
-        PlaceVerdict.OPEN,
-        PlaceVerdict.LOST,
-    ]
-
-
-def test_all_is_settled_when_every_place_is_reported_or_given_up(referee: Referee) -> None:
-    referee.report("r1", VisitReport("r1", 0, 10))
-    referee.report("r1", VisitReport("r1", 0, 10))
-    referee.give_up("r1", ItemGivenUp("r1", 0, 10, "blocked"))
-    referee.give_up("r2", ItemGivenUp("r2", 0, 10, "blocked"))
-    assert not referee.settled
-    referee.report("r1", VisitReport("r1", 1, 10))
-    assert referee.settled
-    assert not Referee((robot("r1"),), reach=0.5).settled
-
-
-@pytest.mark.parametrize(("owner", "place"), [("r1", 2), ("r1", -1), ("r2", 1), ("r9", 0)])
-def test_unassigned_places_are_unknown(referee: Referee, owner: str, place: int) -> None:
-    assert referee.has_place(VisitReport("r1", 1, 10)) and referee.has_place(ItemKey("r2", 0))
-    assert not referee.has_place(ItemKey(owner, place))
-
-
-def test_the_threshold_itself_is_outside() -> None:
-    for x, near_by in ((0.5, []), (np.nextafter(0.5, 0.0), [[0, 0]])):
-        assert find_visits(at((0.0, 0.0)), np.arange(1), at((x, 0.0)), 0.5).tolist() == near_by
-    rng = np.random.default_rng(3)
-    places, positions = rng.uniform(0, 5, (80, 2)), rng.uniform(0, 5, (9, 2))
-    watched = np.flatnonzero(rng.random(80) < 0.7)
-    near = ((places[watched][:, None] - positions[None]) ** 2).sum(axis=2) < 0.5**2
-    twin = [[int(watched[row]), int(near[row].argmax())] for row in np.flatnonzero(near.any(axis=1))]
-    assert len(twin) > 5
-    assert find_visits(places, watched, positions, 0.5).tolist() == twin
 
 
 def _truth(x: float, y: float = 0.0) -> RobotTruth:
