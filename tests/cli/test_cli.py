@@ -277,7 +277,7 @@ def test_a_result_names_the_next_commands(
 def test_the_command_without_adaptation_keeps_other_options(
     given: tuple[str, ...], out: Path | None, hint: str
 ) -> None:
-    assert shlex.join(run._baseline_arguments(given, out)) == hint
+    assert shlex.join(run._baseline_arguments(given, out, "none")) == hint
 
 
 def test_suggested_commands_work_in_the_current_folder(
