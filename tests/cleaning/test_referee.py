@@ -145,7 +145,7 @@ def test_the_outcome_in_words_and_values(referee: Referee) -> None:
     referee.watch(Instant(0), at((0.0, 0.0), (9.0, 9.0)))
     say(referee, "r1", VisitReport("r1", 0, 10), VisitReport("r1", 1, 20), route=())
     found = referee.outcome(("r1",), Instant(6_000_000))
-    assert found.summary == "cleaned 1 of 3 places in 6 s of simulated time; 2 are left"
+    assert found.summary == "cleaned 1 of 3 places in 6 s; 2 are left"
     assert found.notes == (
         "1 place was reported although no robot had visited it.",
         "1 place was lost: neither reported nor given up, and on no robot's route.",
@@ -172,7 +172,7 @@ def test_the_outcome_in_words_and_values(referee: Referee) -> None:
     alone = made(r1=((0.0, 0.0),))
     alone.watch(Instant(0), at((0.0, 0.0)))
     say(alone, "r1", VisitReport("r1", 0, 10))
-    assert alone.outcome((), Instant(0)).summary == "cleaned all 1 places in 0 s of simulated time"
+    assert alone.outcome((), Instant(0)).summary == "cleaned all 1 places in 0 s"
     unseen = Referee(JudgeSetup(robots=("r1",), items={"r1": ((0.0, 0.0),)}, has_truth=False))
     say(unseen, "r1", VisitReport("r1", 0, 10))
     assert unseen.outcome((), Instant(0)).summary == "reported 1 of 1 places as cleaned"
