@@ -89,10 +89,11 @@ def campaign(
     from deploy.run import out_folder
 
     file = file_of("studies", study)
+    permit = permit_of([Path(one) for one in modules], trust=trust)
     prepared = make_study(StudyOptions(file, seeds=seeds))
     if prepared.isolated:
         choose_isolation(True)  # refuse before the first trial
-    _, folders = check_study(prepared, permit_of([Path(one) for one in modules], trust=trust), file)
+    _, folders = check_study(prepared, permit, file)
     folder = Path(out or Path("campaigns", prepared.name)).absolute()
     with out_folder.replace_folder(folder, "study.json") if overwrite else nullcontext():
         store = create_store(folder, prepared)

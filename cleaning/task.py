@@ -54,9 +54,14 @@ class Cleaning(Task):
         items="places",
         done="cleaned",
         metrics=(
-            Metric("places", "places done", "places", "places_done", rank=1, worst=0.0, total="places_total"),
-            Metric("settled", "running time", "s", "settled_s", "less", "done or given up", rank=2),
-            Metric("completion", "time to complete", "s", "completion_s", "less", "done"),
+            Metric(
+                "places", "places done", "places", "places_done", rank=1, worst=0.0, margin=1.0,
+                total="places_total", reported="places_claimed",
+            ),
+            Metric(
+                "settled", "running time", "s", "settled_s", "less", "done or given up", rank=2, margin=10.0
+            ),
+            Metric("completion", "time to complete", "s", "completion_s", "less", "done", margin=10.0),
         ),
         marks={
             "open": MarkStyle("ring", "place not cleaned, in its owner's colour", True),
@@ -136,9 +141,9 @@ class Cleaning(Task):
             f'places.preset is "listed", but {missing} has no places; list them in its [[robot]] table'
         )
 
-    def map_keys(self, settings: PlacesTable) -> Mapping[str, str]:
-        """Return the preset if it is made for the map."""
-        return {"preset": "places.preset=free"} if settings.preset == "golden" else {}
+    def draw_keys(self, settings: PlacesTable, *, has_areas: bool) -> Mapping[str, str]:
+        """Return a preset of random places in place of one that is made for the map."""
+        return {"preset": "areas" if has_areas else "free"} if settings.preset == "golden" else {}
 
     def areas(self, settings: PlacesTable, areas: Sequence[tuple[str, T]]) -> Sequence[tuple[str, T]]:
         """Return the areas in which places are drawn; empty: on all free floor."""

@@ -61,7 +61,6 @@ from acrc_testbed.experiments.verdicts import (
     power_estimates,
     power_warnings,
     primary_samples,
-    step_metrics,
 )
 from acrc_testbed.results.seal import seal
 from actors.console import create_console
@@ -203,7 +202,7 @@ def freeze(study_file: Path, out: Path | None, *, until_decided: bool, json: boo
     if target.exists():
         raise AcrcError(f"{target}: already exists; a frozen plan is not replaced: choose another file")
     study = load_study(study_file)
-    step_metrics(study)
+    study.step_metrics()
     rules = verdicts.stopping_rules(study) if until_decided else None
     looks = () if rules is None else rules.differ.looks
     content = frozen_plan.freeze(study, software_version(), looks)
@@ -349,7 +348,7 @@ def check_absent(reason: str, options: Mapping[str, object]) -> None:
 
 
 def plan(a12: float, power: float, correlation: float, comparisons: int, *, json: bool) -> None:
-    """Print the number of pairs that an effect requires; a comparison has two tests (places, times)."""
+    """Print the number of pairs that an effect requires; a comparison by two metrics has two tests."""
     tests = 2 * comparisons
     try:
         pairs = pairs_needed(AssumedEffect(a12, correlation, power, tests))
@@ -358,7 +357,7 @@ def plan(a12: float, power: float, correlation: float, comparisons: int, *, json
     answer(
         [
             f"{pairs} pairs of runs detect an effect of A12 = {a12:g} with probability {power:g} at 5 % "
-            f"shared by {tests} tests (places and time of each comparison), if runs with the same seed have "
+            f"shared by {tests} tests (two metrics of each comparison), if runs with the same seed have "
             f"correlation {correlation:g}."
         ],
         {"pairs": pairs, "a12": a12, "power": power, "correlation": correlation, "tests": tests},
@@ -380,7 +379,7 @@ def plan_from_pilot(
     paired = primary_samples(samples(records, study), study)
     if not paired or not all(sample.pairs for sample in paired):
         raise AcrcError(f"{folder}: a declared comparison has no pair of runs; run at least one of each")
-    steps = [comparison_of(sample, step_metrics(study)[0]) for sample in paired]
+    steps = [comparison_of(sample, study.step_metrics()[0]) for sample in paired]
     names, tests = [sample.name for sample in paired], family_size(study)
     planned: list[str | Table]
     data: dict[str, object] = {"comparisons": names, "tests": tests, "power": power}
@@ -401,7 +400,7 @@ def plan_from_pilot(
             for one in steps
             if (differing := one.better + one.worse) < _SMALL_PILOT
         ),
-        *ceiling_sentences(records),
+        *ceiling_sentences(records, study),
     ]
     if not store.study.tuning:
         output.append(

@@ -133,9 +133,9 @@ def compare(
         str | None,
         option(
             "NAME",
-            "Compare only this metric: places, contacts, people_contacts, people_contact_s, radio, driven, "
-            "energy, completion, settled, lexicographic; one of the study; or outcome.NAME, a number that "
-            "strategies report.",
+            "Compare only this metric: one of the task, such as places; lexicographic, contacts, "
+            "people_contacts, people_contact_s, radio, driven, energy; one of the study; or outcome.NAME, a "
+            "number that strategies report.",
         ),
     ] = None,
     json: Json = False,

@@ -190,7 +190,7 @@ class _Campaign:
         trial, check = pending
         store = self._store
         regular_file.write_atomically(store.log(trial, check=check), outcome.output)
-        record = validated_record(outcome.record, trial, outcome.cause)
+        record = validated_record(outcome.record, trial, store.study.task, outcome.cause)
         if check:
             write_json(store.check_path(trial), compare_repetition(store.record(trial), record))
             return
@@ -209,8 +209,10 @@ class _Campaign:
 
 
 Row = dict[str, bool | int | float | str | None]
-_NOT_METRICS: Final = frozenset({"digest", "seed", "out", "bus", "isolation"})
+_NOT_METRICS: Final = frozenset({"digest", "seed", "out", "bus", "isolation", "task_summary"})
 """Scalar fields of a result that have a column of their own or do not describe the outcome."""
+_NOT_TABULATED: Final = frozenset({"per_robot", "frames_by_robot", "origin", "processor", "declaration"})
+"""Nested fields of a result without columns."""
 
 
 def write_tables(store: Store) -> tuple[Path, Path]:
@@ -262,11 +264,11 @@ def rows(store: Store) -> Iterator[Row]:
             "commit": commit,
             "versions": _json(origin.versions) if origin is not None else None,
             "digest": result.digest if result is not None else None,
-            **(_metrics(msgspec.to_builtins(result)) if result is not None else {}),
-            **{
-                f"outcome.{name}": mean
-                for name, mean in outcome_means(result.outcome if result else {}).items()
-            },
+        }
+        found = {} if result is None else _metrics(msgspec.to_builtins(result))
+        row |= {name: value for name, value in found.items() if name not in row}
+        row |= {
+            f"outcome.{name}": mean for name, mean in outcome_means(result.outcome if result else {}).items()
         }
         yield row | _check_cells(checks.get(_trial_key(record)))
 
@@ -280,11 +282,11 @@ def command(study: Study, record: TrialRecord) -> str:
 
 
 def _metrics(result: Mapping[str, Any], prefix: str = "") -> Row:
-    """Return all scalars of a result; those of nested tables have dotted names."""
+    """Return all scalars of a result; those of nested tables have dotted names, except the task's."""
     metrics: Row = {}
     for name, value in result.items():
-        if isinstance(value, Mapping) and name not in {"per_robot", "frames_by_robot", "origin", "processor"}:
-            metrics |= _metrics(value, f"{prefix}{name}.")
+        if isinstance(value, Mapping) and name not in _NOT_TABULATED:
+            metrics |= _metrics(value, "" if name == "task" else f"{prefix}{name}.")
         elif isinstance(value, bool | int | float | str | None) and (prefix or name not in _NOT_METRICS):
             metrics[prefix + name] = value
     return metrics

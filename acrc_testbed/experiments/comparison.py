@@ -11,11 +11,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from acrc_testbed.experiments.metrics import (
-    BY_NAME,
     LEXICOGRAPHIC,
     Run,
     by_rank,
     ranks,
+    task_metrics,
     value_of,
     values,
 )
@@ -255,7 +255,7 @@ def too_few_pairs_sentence(pairs: int, least: int = MIN_PAIRS) -> str:
 
 
 def compare(
-    paired: Sequence[PairedSample], metrics: Iterable[Metric] = BY_NAME.values(), least: int = MIN_PAIRS
+    paired: Sequence[PairedSample], metrics: Iterable[Metric], least: int = MIN_PAIRS
 ) -> list[Comparison]:
     """Estimate the metrics of samples with at least `least` pairs."""
     comparisons = (
@@ -273,7 +273,8 @@ def scores(metric: Metric, pairs: Sequence[tuple[Run, Run]]) -> Scores:
     """Return a metric of the pairs in which it is known for both runs."""
     runs = [run for pair in pairs for run in pair]
     if metric.name == LEXICOGRAPHIC:
-        order = np.array(ranks(runs, by_rank(BY_NAME.values())))
+        task = next((run.declaration for run in runs if run is not None), None)
+        order = np.array(ranks(runs, () if task is None else by_rank(task_metrics(task).values())))
         return Scores(order[::2], order[1::2], 1)
     found = np.array(values(metric, runs, horizon(runs))).reshape(-1, 2)
     ones, others = found[~np.isnan(found).any(axis=1)].T

@@ -1,5 +1,6 @@
 """Results of a campaign: failures, verdicts, estimates, random effects of cells."""
 
+import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from operator import itemgetter
@@ -19,7 +20,14 @@ from acrc_testbed.experiments.comparison import (
     samples,
     too_few_pairs_sentence,
 )
-from acrc_testbed.experiments.metrics import PLACES, values
+from acrc_testbed.experiments.metrics import (
+    OWN,
+    by_rank,
+    known_values,
+    task_metrics,
+    total_of,
+    values,
+)
 from acrc_testbed.experiments.paired_tests import MIN_PAIRS, share_upper_bound
 from acrc_testbed.experiments.statistical_models import MIN_CELLS, RandomEffectsFit, fit
 from acrc_testbed.experiments.store import Store, plan_sentences
@@ -32,13 +40,16 @@ from actors.task.task import Metric
 
 
 class OverallEstimate(NamedTuple):
-    """Difference in places between two strategies with equal seeds, over all cells."""
+    """Difference in the first ranked metric between two strategies with equal seeds, over all cells."""
 
     one: str
     other: str
     fitted: RandomEffectsFit | None
     """None with fewer than three cells with runs of both, or too few pairs."""
     cells: int
+    metric: str = ""
+    """Description of the metric."""
+    unit: str = ""
     without: dict[str, float] = {}  # noqa: RUF012
     """Mean difference without each map in turn; empty with a single map."""
 
@@ -58,20 +69,20 @@ class OverallEstimate(NamedTuple):
 
 
 class _Differences(NamedTuple):
-    """Differences in places between two strategies, by cell, seed and map; each (n,)."""
+    """Differences in a metric between two strategies, by cell, seed and map; each (n,)."""
 
-    places: NDArray[np.float64]
+    values: NDArray[np.float64]
     cells: NDArray[np.int64]
     seeds: NDArray[np.int64]
     maps: NDArray[np.str_]
 
     def mean(self, chosen: NDArray[np.bool_]) -> float:
         """Return the model's mean; for too few cells the mean of the cells' means."""
-        places, cells = self.places[chosen], self.cells[chosen]
+        known, cells = self.values[chosen], self.cells[chosen]
         names = np.unique(cells)
         if len(names) >= MIN_CELLS:
-            return fit(places, cells, self.seeds[chosen]).mean.value
-        return float(np.mean([places[cells == cell].mean() for cell in names]))
+            return fit(known, cells, self.seeds[chosen]).mean.value
+        return float(np.mean([known[cells == cell].mean() for cell in names]))
 
 
 def overall_estimates(records: Iterable[TrialRecord], study: Study) -> list[OverallEstimate]:
@@ -88,27 +99,31 @@ def overall_estimates(records: Iterable[TrialRecord], study: Study) -> list[Over
 def _overall_estimate(
     one: str, other: str, runs: Mapping[Variant, StrategyRuns], study: Study
 ) -> OverallEstimate:
-    differences = _differences(one, other, runs, study)
+    metric = by_rank(study.metrics().values())[0]
+    differences = _differences(one, other, runs, study, metric)
     cells = len(np.unique(differences.cells))
-    if cells < MIN_CELLS or len(differences.places) < MIN_PAIRS:
-        return OverallEstimate(one, other, None, cells)
+    if cells < MIN_CELLS or len(differences.values) < MIN_PAIRS:
+        return OverallEstimate(one, other, None, cells, metric.description, metric.unit)
     maps = list(dict.fromkeys(differences.maps.tolist()))
     without = {name: differences.mean(differences.maps != name) for name in maps} if len(maps) > 1 else {}
-    return OverallEstimate(
-        one, other, fit(differences.places, differences.cells, differences.seeds), cells, without
-    )
+    fitted = fit(differences.values, differences.cells, differences.seeds)
+    return OverallEstimate(one, other, fitted, cells, metric.description, metric.unit, without)
 
 
-def _differences(one: str, other: str, runs: Mapping[Variant, StrategyRuns], study: Study) -> _Differences:
+def _differences(
+    one: str, other: str, runs: Mapping[Variant, StrategyRuns], study: Study, metric: Metric
+) -> _Differences:
     rows = []
+    until = horizon([run for cell in runs.values() for seeds in cell.values() for run in seeds.values()])
     for cell, (variant, by_strategy) in enumerate(runs.items()):
         mine, theirs = by_strategy.get(one, {}), by_strategy.get(other, {})
         for seed in (seed for seed in mine if seed in theirs):
-            ours, others = values(PLACES, (mine[seed], theirs[seed]), 0.0)
-            rows.append((ours - others, cell, seed, _map_name(variant, study)))
-    places, cells, seeds, maps = zip(*rows, strict=True) if rows else ((), (), (), ())
+            ours, others = values(metric, (mine[seed], theirs[seed]), until)
+            if not math.isnan(ours - others):
+                rows.append((ours - others, cell, seed, _map_name(variant, study)))
+    found, cells, seeds, maps = zip(*rows, strict=True) if rows else ((), (), (), ())
     return _Differences(
-        np.array(places, np.float64),
+        np.array(found, np.float64),
         np.array(cells, np.int64),
         np.array(seeds, np.int64),
         np.array(maps, np.str_),
@@ -133,8 +148,9 @@ def overall_sentences(estimate: OverallEstimate) -> list[str]:
             f"{MIN_CELLS} cells and {MIN_PAIRS} pairs of runs."
         ]
     mean, new = fitted.mean, fitted.new_cell
+    difference = f"{mean.value:+.3g} {estimate.unit}".rstrip()
     sentences = [
-        f"{name} over all {fitted.cells} cells, {fitted.values} pairs: {mean.value:+.3g} places "
+        f"{name} over all {fitted.cells} cells, {fitted.values} pairs: {difference} "
         f"[{mean.low:+.3g}, {mean.high:+.3g}]; standard deviation {_deviations_text(fitted)}. "
         f"Prediction for a new cell with as many seeds: {new.low:+.3g} to {new.high:+.3g} (95 %)."
     ]
@@ -172,28 +188,32 @@ _LARGE_RATIO: Final = 2.0
 
 
 def summary_sentences(records: Iterable[TrialRecord]) -> Iterator[str]:
-    """Yield a sentence for each strategy in each variant, over its completed runs."""
+    """Yield a sentence on the task for each strategy in each variant, over its completed runs."""
     groups: dict[tuple[str, str], list[RunResult]] = {}
     for record in records:
         where = "".join(f", {key} = {value}" for key, value in record.variant.items())
         if record.result is not None:
             groups.setdefault((where, record.strategy), []).append(record.result)
     for (where, strategy), runs in groups.items():
-        complete = sum(run.completion_s is not None for run in runs)
-        yield (
-            f"{strategy}{where}: all places done in {complete} of {len(runs)} runs,"
-            f" {sum(run.places_done or 0 for run in runs)} of {sum(run.places_total for run in runs)} places,"
-            f" {sum(run.places_given_up for run in runs)} given up,"
-            f" {sum(run.places_lost for run in runs)} lost,"
-            f" {sum(run.contacts or 0 for run in runs)} contacts{_settling_text(runs)}"
-        )
+        task = runs[0].declaration
+        metrics = [task_metrics(task)[one.name] for one in task.metrics]
+        parts = [text for one in metrics if (text := _summary_text(one, runs))]
+        yield f"{strategy}{where}: {', '.join(parts)}, {sum(run.contacts or 0 for run in runs)} contacts"
 
 
-def _settling_text(runs: Sequence[RunResult]) -> str:
-    """Return when half of the runs were settled; empty if fewer ever were."""
-    settled = sorted(run.settled_s for run in runs if run.settled_s is not None)
-    half = (len(runs) + 1) // 2
-    return f", half of the runs settled by {settled[half - 1]:.1f} s" if len(settled) >= half else ""
+def _summary_text(metric: Metric, runs: Sequence[RunResult]) -> str:
+    """Return a metric of several runs as text; empty for one that is unknown."""
+    known = sorted(known_values(metric, runs))
+    if metric.event:
+        half = (len(runs) + 1) // 2
+        by = f", half of the runs by {known[half - 1]:.1f} s" if len(known) >= half else ""
+        return f"{metric.event} in {len(known)} of {len(runs)} runs{by}"
+    if not known:
+        return ""
+    if metric.total:
+        total = sum(total_of(metric, run) or 0.0 for run in runs)
+        return f"{sum(known):g} of {total:g} {metric.description}"
+    return f"mean {metric.description} {np.mean(known):.4g}"
 
 
 def failure_sentences(records: Sequence[TrialRecord], study: Study) -> list[str]:
@@ -204,8 +224,14 @@ def failure_sentences(records: Sequence[TrialRecord], study: Study) -> list[str]
         runs[record.strategy] = runs.get(record.strategy, 0) + 1
         if record.result is None:
             failed.setdefault(record.strategy, []).append(record.seed)
-    worst = (f", {one.worst:g} {one.unit or one.name}" for one in study.metric if one.worst is not None)
-    counts = f"each counts as a run with no places done{''.join(worst)}, never settled"
+    metrics = study.metrics().values()
+    decisive = [one for one in metrics if one.rank is not None or one.column.startswith(OWN)]
+    worst = (
+        f"never {one.event}" if one.worst is None else f"{one.worst:g} {one.unit or one.name}"
+        for one in decisive
+        if one.event or one.worst is not None
+    )
+    counts = f"each counts as a run with {', '.join(worst) or 'no value'}"
     if study.failed_runs == "left out":
         counts = (
             "each is left out with its pair, as declared in the study; "
@@ -282,24 +308,27 @@ def verdict_sentence(one: PairVerdict) -> str:
     if not one.steps:
         return f"{one.sample.name}: no interim look has been reached yet."
     sentences: list[str] = []
-    for place, step in enumerate(one.steps):
+    for index, step in enumerate(one.steps):
         sentences.append(_step_sentence(step))
         if step.differs:
             break
-        after = one.steps[place + 1 :]
+        after = one.steps[index + 1 :]
         if after and not step.equivalent:
             margin = "" if step.margin is None else f" within {_amount_text(step.margin, step)}"
-            sentences.append(f"Equivalence{margin} is not shown, so time is not compared.")
+            sentences.append(f"Equivalence{margin} is not shown, so {after[0].says} is not compared.")
             break
         if after and not after[0].happened:
-            sentences.append(f"Time cannot be compared: {_unknown_reason(after[0])}.")
+            sentences.append(f"{after[0].says.capitalize()} cannot be compared: {_unknown_reason(after[0])}.")
             break
-        sentences += ["Therefore time is compared:"] * bool(after)
+        sentences += [f"Therefore {two.says} is compared:" for two in after[:1]]
     return " ".join(sentences)
 
 
 def _amount_text(value: float, step: Comparison) -> str:
-    return f"{value:.4g} {'place' if value == 1 and step.unit == 'places' else step.unit}".rstrip()
+    unit = step.unit
+    if value == 1 and unit.isalpha() and len(unit) > 2:
+        unit = unit.removesuffix("s")
+    return f"{value:.4g} {unit}".rstrip()
 
 
 def _step_sentence(step: Comparison) -> str:

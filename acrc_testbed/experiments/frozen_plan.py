@@ -80,7 +80,7 @@ def _input_files(study: Study) -> Iterator[Path]:
 
 
 def _scenario_files(scenario: Scenario, strategy: str) -> Iterator[Path]:
-    """Yield the files of map (with image), robot models and a user strategy's module or package."""
+    """Yield the files of map (with image), robot models, and code of the user's strategy and task."""
     if offices.is_name(scenario.map):
         load_map(scenario.map)  # a generated floor has no file; check its name
     else:
@@ -90,6 +90,8 @@ def _scenario_files(scenario: Scenario, strategy: str) -> Iterator[Path]:
             yield Path(model)
     if ":" in strategy and scenario.run.modules:
         yield from strategy_files(strategy, Path(scenario.run.modules))
+    if ":" in scenario.task.use and scenario.run.modules:
+        yield from strategy_files(scenario.task.use, Path(scenario.run.modules))
 
 
 SUFFIX: Final = ".frozen.json"

@@ -1,4 +1,4 @@
-"""Metrics by which strategies are compared: shipped ones, and functions declared in a study."""
+"""Metrics by which strategies are compared: of the task, of every task, and functions of a study."""
 
 import importlib
 import math
@@ -10,14 +10,14 @@ from pathlib import Path
 from types import FrameType
 from typing import TYPE_CHECKING, Annotated, Any, Final, Literal
 
-from msgspec import UNSET, Meta
+from msgspec import Meta
 
 from acrc_testbed.results.outcome import outcome_means
 from acrc_testbed.results.result import RunResult
 from actors.installation.usage import missing_extra_named, wrong_value
 from actors.runtime.errors import AcrcError
 from actors.settings import Settings, Text
-from actors.task.task import Metric
+from actors.task.task import Metric, TaskDeclaration
 
 if TYPE_CHECKING:
     import pyarrow
@@ -26,13 +26,7 @@ Run = RunResult | None
 """Result of a run; None: failed."""
 LEXICOGRAPHIC: Final = "lexicographic"
 """Name of the order of metrics by rank; a later one counts if all earlier ones are equal."""
-PLACES: Final = Metric("places", "places done", "places", "places_done", rank=1, worst=0.0)
-SETTLED: Final = Metric("settled", "running time", "s", "settled_s", "less", "done or given up", rank=2)
-SHIPPED: Final = (
-    PLACES,
-    SETTLED,
-    Metric("completion", "time to complete", "s", "completion_s", "less", "done"),
-    Metric(LEXICOGRAPHIC, f"{PLACES.description}, then {SETTLED.description}", "", ""),
+COMMON: Final = (
     Metric("contacts", "contacts", "contacts", "contacts", "less"),
     Metric("people_contacts", "contacts with people", "contacts", "people_contacts", "less"),
     Metric("people_contact_s", "time in contact with people", "s", "people_contact_s", "less"),
@@ -40,14 +34,17 @@ SHIPPED: Final = (
     Metric("driven", "metres driven by all robots", "m", "driven_m", "less"),
     Metric("energy", "energy used by all robots", "J", "energy_j", "less"),
 )
-"""In order of display. Without `last_reached_s`, which rewards giving up early."""
-BY_NAME: Final[Mapping[str, Metric]] = {one.name: one for one in SHIPPED}
+"""Metrics of every task."""
+_TASK: Final = "task"
+"""Prefix of the columns of a task's metrics: the field of a result with the task's values."""
 _OUTCOME: Final = "outcome"
 """Prefix of values returned by a strategy's outcome()."""
-_OWN: Final = "metrics"
+OWN: Final = "metrics"
 """Prefix of the columns of a study's own metrics."""
-LEAN_TABLES: Final = ("poses", "people", "places", "outcomes")
-"""Tables that every recording has."""
+LEAN_TABLES: Final = ("poses", "people", "outcomes")
+"""Tables that every recording has, besides that of the task's items."""
+FULL_TABLES: Final = ("estimates", "goals", "frames", "knowledge", "exchanges", "decisions")
+"""Tables of full recordings only."""
 
 
 class MetricTable(Settings, frozen=True):
@@ -70,37 +67,48 @@ class MetricTable(Settings, frozen=True):
     """As in `Metric`."""
     margin: Annotated[float, Meta(gt=0, le=1e15)] | None = None
     """As in `Metric`."""
-    tables: tuple[
-        Literal[
-            "poses", "people", "places", "outcomes",
-            "estimates", "goals", "frames", "knowledge", "exchanges", "decisions",
-        ],
-        ...,
-    ] = LEAN_TABLES  # fmt: skip
-    """Tables of docs/tables.md that the function reads."""
+    tables: Annotated[tuple[Text, ...], Meta(max_length=20)] = ()
+    """Tables of docs/tables.md that the function reads; empty: all that every recording has."""
 
     def metric(self) -> Metric:
         """Return the declaration, in the form of the shipped metrics."""
         return Metric(
-            self.name, self.description or self.name, self.unit, f"{_OWN}.{self.name}", self.better,
+            self.name, self.description or self.name, self.unit, f"{OWN}.{self.name}", self.better,
             self.event or "", worst=self.worst, margin=self.margin,
         )  # fmt: skip
 
 
-def check_names(tables: Sequence[MetricTable]) -> None:
-    """Raise AcrcError for a name that is a shipped metric's or occurs twice."""
-    for place, table in enumerate(tables):
-        taken = {*BY_NAME, *(one.name for one in tables[:place])}
+def task_metrics(task: TaskDeclaration) -> dict[str, Metric]:
+    """Return the metrics of a task and those of every task by name, in order of display."""
+    own = [
+        one._replace(
+            column=f"{_TASK}.{one.column}",
+            total=one.total and f"{_TASK}.{one.total}",
+            reported=one.reported and f"{_TASK}.{one.reported}",
+        )
+        for one in task.metrics
+    ]
+    order = Metric(LEXICOGRAPHIC, ", then ".join(one.description for one in by_rank(own)), "", "")
+    return {one.name: one for one in (*own, order, *COMMON)}
+
+
+def check_names(tables: Sequence[MetricTable], task: TaskDeclaration) -> None:
+    """Raise AcrcError for the name of another metric, and for a table that no run of the task has."""
+    taken, known = {*task_metrics(task)}, (*LEAN_TABLES, task.table, *FULL_TABLES)
+    for index, table in enumerate(tables):
         if table.name in taken:
-            raise AcrcError(f"metric[{place}].name: {table.name!r} is the name of another metric; rename it")
+            raise AcrcError(f"metric[{index}].name: {table.name!r} is the name of another metric; rename it")
+        taken.add(table.name)
+        if missing := next((name for name in table.tables if name not in known), None):
+            raise AcrcError(f"metric[{index}].tables: {missing!r} must be one of {', '.join(known)}")
 
 
 def needs_full_recording(tables: Iterable[MetricTable]) -> bool:
     """Return whether a function reads a table that lean recordings lack."""
-    return any({*one.tables}.difference(LEAN_TABLES) for one in tables)
+    return any({*one.tables}.intersection(FULL_TABLES) for one in tables)
 
 
-def find_metric(name: str, metrics: Mapping[str, Metric] = BY_NAME) -> Metric | None:
+def find_metric(name: str, metrics: Mapping[str, Metric]) -> Metric | None:
     """Return the metric of this name; None if unknown. For `outcome.NAME`, more is better."""
     is_outcome = name.startswith(f"{_OUTCOME}.") and name != f"{_OUTCOME}."
     return metrics.get(name) or (Metric(name, name, "", name) if is_outcome else None)
@@ -129,13 +137,36 @@ def by_rank(metrics: Iterable[Metric]) -> tuple[Metric, ...]:
 
 def value_of(metric: Metric, run: RunResult) -> float | None:
     """Return the value of a run; None for an event that did not happen, NaN if unknown."""
-    head, _, key = metric.column.partition(".")
-    found: Any = getattr(run, head)
-    if key:
-        found = (outcome_means(found) if head == _OUTCOME else found or {}).get(key, math.nan)
+    found = _cell(metric.column, run)
     if found is None and metric.event:
         return None
-    return math.nan if found is None or found is UNSET else float(found)
+    return float(found) if isinstance(found, int | float) else math.nan
+
+
+def known_values(metric: Metric, runs: Iterable[RunResult]) -> list[float]:
+    """Return the values of the runs in which they are known; without events that did not happen."""
+    found = (value_of(metric, run) for run in runs)
+    return [value for value in found if value is not None and not math.isnan(value)]
+
+
+def total_of(metric: Metric, run: RunResult) -> float | None:
+    """Return the largest possible value of a run; None: there is none, or it is unknown."""
+    found = _cell(metric.total, run) if metric.total else None
+    return float(found) if isinstance(found, int | float) else None
+
+
+def is_full(metric: Metric, run: RunResult) -> bool:
+    """Return whether the value of a run is the largest possible one."""
+    total = total_of(metric, run)
+    return total is not None and value_of(metric, run) == total
+
+
+def _cell(column: str, run: RunResult) -> Any:
+    head, _, key = column.partition(".")
+    found: Any = getattr(run, head)
+    if not key:
+        return found
+    return (outcome_means(found) if head == _OUTCOME else found or {}).get(key, math.nan)
 
 
 def values(metric: Metric, runs: Iterable[Run], until: float) -> list[float]:
@@ -153,7 +184,7 @@ def ranks(runs: Sequence[Run], steps: Sequence[Metric]) -> list[float]:
     """Return the rank of each run in the lexicographic order of metrics, with ties; more is better."""
     gains = [[_gain(value, one) for value in values(one, runs, math.inf)] for one in steps]
     keys = list(zip(*gains, (run is not None for run in runs), strict=True))
-    order = {key: float(place) for place, key in enumerate(sorted(set(keys)))}
+    order = {key: float(rank) for rank, key in enumerate(sorted(set(keys)))}
     return [order[key] for key in keys]
 
 
@@ -199,7 +230,8 @@ def read_tables(out: Path) -> Tables:
 def compute(table: MetricTable, tables: Tables) -> float | None:
     """Return a metric of the run with these tables. Raises MetricError, or an error of the function."""
     with _time_limit(table.use):
-        found = load_function(table.use)({name: tables[name] for name in table.tables})
+        named = table.tables or [name for name in tables if name not in FULL_TABLES]
+        found = load_function(table.use)({name: tables[name] for name in named})
     value: Any = found.as_py() if hasattr(found, "as_py") else found  # a scalar of pyarrow
     if value is None:
         return None

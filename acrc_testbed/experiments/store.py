@@ -203,7 +203,7 @@ def create_store(folder: Path, study: Study) -> Store:
 
 
 def _create_subfolders(folder: Path) -> None:
-    """Create missing subfolders. Raises AcrcError for a link in their place."""
+    """Create missing subfolders. Raises AcrcError for a link instead."""
     for part in (_TRIALS, _CHECKS, _LOGS):
         try:
             regular_file.check_no_link(folder / part).mkdir(exist_ok=True)
@@ -361,10 +361,15 @@ def plan_text(plan: FrozenPlan) -> str:
     """Return the content of a plan as the continuation of a sentence, such as after "Frozen"."""
     study = plan.study
     pairs = " and ".join(f"{one} versus {other}" for one, other in study.primary_pairs) or "no comparison"
-    margins = f"of {study.margin_places:g} in places and {study.margin_s:g} s"
+    margins = " and ".join(
+        f"{one.margin:g} {one.unit} in {one.description}"
+        for one in study.step_metrics()
+        if one.margin is not None
+    )
     return (
         f"commit {plan.commit}, SHA-256 {plan.sha256}: {pairs} by {study.primary_metric}, "
-        f"margins {margins}, {study.seeds} seeds, {_looks_text(plan) if plan.looks else 'no interim looks'}."
+        f"margins of {margins or 'none'}, {study.seeds} seeds, "
+        f"{_looks_text(plan) if plan.looks else 'no interim looks'}."
     )
 
 

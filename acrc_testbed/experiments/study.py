@@ -12,15 +12,24 @@ import numpy as np
 from msgspec import Meta
 from numpy.typing import NDArray
 
-from acrc_testbed.experiments.metrics import BY_NAME, PLACES, MetricTable, check_names
+from acrc_testbed.experiments.metrics import (
+    LEXICOGRAPHIC,
+    MetricTable,
+    by_rank,
+    check_names,
+    choice,
+    find_metric,
+    task_metrics,
+)
 from actors import settings
 from actors.installation.repository import SHIPPED
 from actors.installation.usage import command_line
 from actors.randomness import generator
 from actors.runtime import typed_json
 from actors.runtime.errors import AcrcError
-from actors.settings import Place, RuleError, Settings, Text
-from actors.task.task import Metric
+from actors.settings import Place, RuleError, Settings, Text, read_text, toml_tables
+from actors.task.loading import DEFAULT, task_setup
+from actors.task.task import Metric, TaskDeclaration
 from deploy.scenario.scenario_file import check_exists, is_scenario
 
 FIRST_SEED: Final = 1
@@ -81,14 +90,15 @@ class CommonStudyFields(Settings, frozen=True, kw_only=True):
         Meta(description='a list of pairs of strategies, such as [["chapter", "none"]]'),
     ] = ()
     """Primary comparisons, declared before the first run."""
-    primary_metric: Annotated[Text, Meta(description='a metric, such as "places"')] = "lexicographic"
-    """Metric of the primary comparisons; lexicographic: the chapter's order of places, then time."""
-    margin_places: Annotated[float, Meta(gt=0, le=1_000_000)] = 1.0
-    """Equivalence margin of the mean number of places."""
-    margin_s: Annotated[float, Meta(gt=0, le=1_000_000)] = 10.0
-    """Equivalence margin of times, s."""
+    primary_metric: Annotated[Text, Meta(description='a metric, such as "contacts"')] = LEXICOGRAPHIC
+    """Metric of the primary comparisons; lexicographic: the task's order of metrics."""
+    margins: Annotated[
+        dict[str, Annotated[float, Meta(gt=0, le=1_000_000)]],
+        Meta(description="a table of positive numbers by metric"),
+    ] = msgspec.field(default_factory=dict)
+    """Equivalence margins of means by metric, in its unit; absent: as declared by the task."""
     failed_runs: Literal["worst", "left out"] = "worst"
-    """Treatment of failed runs: count as no places done, or leave out."""
+    """Treatment of failed runs: count with the worst values of metrics, or leave out."""
     metric: tuple[MetricTable, ...] = ()
     """The study's own metrics."""
     isolated: bool = False
@@ -99,6 +109,8 @@ class Study(CommonStudyFields, frozen=True, kw_only=True, forbid_unknown_fields=
     """Strategies, conditions and seeds to compare."""
 
     name: str
+    task: TaskDeclaration
+    """Task of all runs, with its metrics."""
     seeds: int
     tuning: bool = False
     """True: for choosing settings, with seeds that no test uses."""
@@ -116,12 +128,16 @@ class Study(CommonStudyFields, frozen=True, kw_only=True, forbid_unknown_fields=
     """Folder of the study's file, which may contain the functions of its metrics; empty without."""
 
     def metrics(self) -> dict[str, Metric]:
-        """Return the shipped and own metrics by name, in order of display, with the study's margins."""
-        shipped = {
-            name: one._replace(margin=self.margin_s if one.event else None) for name, one in BY_NAME.items()
-        }
-        own = {table.name: table.metric() for table in self.metric}
-        return {**shipped, PLACES.name: PLACES._replace(margin=self.margin_places), **own}
+        """Return the metrics by name, in order of display, with the study's margins."""
+        found = task_metrics(self.task) | {table.name: table.metric() for table in self.metric}
+        return {name: one._replace(margin=self.margins.get(name, one.margin)) for name, one in found.items()}
+
+    def step_metrics(self) -> tuple[Metric, ...]:
+        """Return the metrics of primary comparisons, in order. Raises AcrcError for an unknown metric."""
+        metrics = self.metrics()
+        if (found := find_metric(self.primary_metric, metrics)) is None:
+            raise AcrcError(f"primary_metric is {self.primary_metric!r}; must be {choice(metrics)}")
+        return by_rank(metrics.values()) if found.name == LEXICOGRAPHIC else (found,)
 
     @property
     def primary_pairs(self) -> tuple[tuple[str, str], ...]:
@@ -191,7 +207,8 @@ PARAMETERS: Final[Mapping[str, tuple[str, ...]]] = {
 """Parameters of each kind of distribution. Kills: `count` robots end, at random instants. Jams: `count`
 jammers at random points. Dropout: share of scan rays without echo. Odometry: factor of its errors; exact
 odometry becomes a Kobuki's. Doors: round obstacles at `count` of the `points` from the start. Closures:
-`count` doors close at random instants and reopen. Tasks: `count` random places, each given to a robot."""
+`count` doors close at random instants and reopen. Tasks: `count` items at random points, each given to a
+robot."""
 MAX_SEEDS: Final = 100_000
 MAX_SAMPLES: Final = 1000
 _MAX_BYTES: Final = 1 << 20
@@ -354,7 +371,7 @@ class _StudyFile(CommonStudyFields, frozen=True, kw_only=True):
     )
     """Overridden keys of the scenario, such as "run.duration" = 300."""
     conditions: Literal["drawn", "as written"] = "drawn"
-    """Drawn: each seed draws starts, places, odometry errors and shadowing unless set here."""
+    """Drawn: each seed draws starts, items, odometry errors and shadowing unless set here."""
     vary: tuple[VaryTable, ...] = ()
     samples: Annotated[int, Meta(ge=1, le=MAX_SAMPLES)] | None = None
     """Number of cells drawn from the random factors."""
@@ -376,17 +393,20 @@ def load_study(path: Path, *, tuning: bool = False) -> Study:
                 raise AcrcError(
                     f"{path}: primary: {name!r} is not one of the study's strategies: {', '.join(strategies)}"
                 )
+    scenario = (path.parent / table.scenario).resolve()
+    task = task_declaration(scenario, tuple(table.set.items()))
     try:
-        check_names(table.metric)
+        check_names(table.metric, task)
         factors = factors_of(table.vary, table.samples, FIRST_TUNING_SEED if tuning else FIRST_SEED)
     except AcrcError as error:
         raise AcrcError(f"{path}: {error}") from None
     shared = {name: getattr(table, name) for name in CommonStudyFields.__struct_fields__} | {
-        "scenario": str((path.parent / table.scenario).resolve()),
+        "scenario": str(scenario),
         "strategies": strategies,
     }
-    return Study(
+    study = Study(
         name=path.stem,
+        task=task,
         seeds=table.tuning_seeds if tuning else table.seeds,
         tuning=tuning,
         settings=tuple(table.set.items()),
@@ -398,6 +418,19 @@ def load_study(path: Path, *, tuning: bool = False) -> Study:
         modules=str(path.parent.resolve()) if table.metric else "",
         **shared,
     )
+    if unknown := table.margins.keys() - study.metrics():
+        raise AcrcError(f"{path}: margins.{min(unknown)}: must be {choice(study.metrics())}")
+    return study
+
+
+def task_declaration(scenario: Path, own: Variant) -> TaskDeclaration:
+    """Return the declaration of a scenario's task; `own`: keys set in the scenario. Raises AcrcError."""
+    table = toml_tables(read_text(scenario, "scenario"), scenario).get("task")
+    named = table.get("use", DEFAULT) if isinstance(table, Mapping) else DEFAULT
+    try:
+        return task_setup(str(dict(own).get("task.use", named)), {}).declaration
+    except AcrcError as error:
+        raise AcrcError(f"{scenario}: {error}") from None
 
 
 def _load_json(path: Path) -> Study:
@@ -423,21 +456,21 @@ def factors_of(tables: Sequence[VaryTable], samples: int | None, seed: int) -> S
     drawn: list[Factor] = []
     spans: list[RandomFactor] = []
     taken: set[str] = set()
-    for place, table in enumerate(tables):
+    for index, table in enumerate(tables):
         if table.distribution is not None:
             continue
-        factor = _factor(table, f"vary[{place}]")
+        factor = _factor(table, f"vary[{index}]")
         keys = {factor.key, *(key for level in factor.levels for key, _ in level)}
         if keys & taken:
             raise AcrcError(
-                f"vary[{place}]: {min(keys & taken)} is set by another factor, too; use one factor"
+                f"vary[{index}]: {min(keys & taken)} is set by another factor, too; use one factor"
             )
         taken |= keys
         if not table.is_random:
             fixed.append(factor)
             continue
         if _NEVER_RANDOM in keys:
-            raise AcrcError(f"vary[{place}]: {_NEVER_RANDOM} cannot be random; use values = [...]")
+            raise AcrcError(f"vary[{index}]: {_NEVER_RANDOM} cannot be random; use values = [...]")
         drawn.append(factor)
         spans.append(RandomFactor(factor.key, factor.values, table.between or (0, 0)))
     if bool(spans) != (samples is not None):
@@ -456,10 +489,10 @@ def _factor(table: VaryTable, where: str) -> Factor:
     if table.factor is None:
         assert table.key is not None
         return Factor(table.key, values)
-    for place, value in enumerate(values):
+    for index, value in enumerate(values):
         if not (isinstance(value, Mapping) and isinstance(value.get("name"), str) and len(value) > 1):
             raise AcrcError(
-                f"{where}.{'values' if table.values else 'among'}[{place}] is {value!r}; must be a table "
+                f"{where}.{'values' if table.values else 'among'}[{index}] is {value!r}; must be a table "
                 'with name and keys of the scenario, such as {name = "maze", map = "../maps/maze.yaml"}'
             )
     names = tuple(value["name"] for value in values)
@@ -485,9 +518,9 @@ def _with_drawn_levels(factor: Factor, cells: Sequence[Variant]) -> Factor:
     drawn = {repr(value): value for cell in cells for key, value in cell if key == factor.key}
     if not factor.values:
         return Factor(factor.key, tuple(sorted(drawn.values())))
-    places = [place for place, value in enumerate(factor.values) if repr(value) in drawn]
-    levels = tuple(factor.levels[place] for place in places) if factor.levels else ()
-    return Factor(factor.key, tuple(factor.values[place] for place in places), levels)
+    indices = [index for index, value in enumerate(factor.values) if repr(value) in drawn]
+    levels = tuple(factor.levels[index] for index in indices) if factor.levels else ()
+    return Factor(factor.key, tuple(factor.values[index] for index in indices), levels)
 
 
 def _distribution(table: VaryTable) -> Distribution:

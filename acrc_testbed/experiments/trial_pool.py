@@ -101,12 +101,14 @@ def _refused(why: str) -> TrialOutcome:
 def _with_local_paths(task: WorkerTask) -> TrialOrder:
     """Return the order with paths mapped to this clone."""
     order = msgspec.json.decode(task.order, type=TrialOrder)
-    (scenario,), modules, metric_modules = (
+    (scenario,), modules, metric_modules, task_modules = (
         tuple(_local_path(path, task.repository) for path in paths)
-        for paths in ((order.study.scenario,), order.modules, order.metric_modules)
+        for paths in ((order.study.scenario,), order.modules, order.metric_modules, order.task_modules)
     )
     study = msgspec.structs.replace(order.study, scenario=scenario)
-    return msgspec.structs.replace(order, study=study, modules=modules, metric_modules=metric_modules)
+    return msgspec.structs.replace(
+        order, study=study, modules=modules, metric_modules=metric_modules, task_modules=task_modules
+    )
 
 
 def _local_path(path: str, repository: str) -> str:

@@ -33,7 +33,7 @@ from actors.processes.robot_logs import ALL_ROBOTS
 from actors.processes.signals import Interruption
 from actors.runtime.errors import AcrcError, printable
 from actors.runtime.linux import die_with_parent
-from actors.user_code import set_folders
+from actors.user_code import set_folders, set_task_folders
 from deploy.run.options import RunOptions
 from deploy.run.start import PreparedRun, start_run
 from deploy.scenario.scenario_file import Overrides, load_scenario
@@ -55,6 +55,7 @@ def main(argv: Sequence[str]) -> int:
 
 def run_trial_order(order: TrialOrder, out: Path) -> TrialRecord:
     """Run the trial in this process into the folder `out`; the record contains any failure."""
+    set_task_folders([Path(one) for one in order.task_modules])
     settings, fault = attempt(lambda: draw_settings(order.study, order.trial))
     done: tuple[RunResult, TimeSpent, str] | None = None
     if settings is not None:

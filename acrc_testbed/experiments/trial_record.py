@@ -17,6 +17,7 @@ from actors.messages import TRUTH
 from actors.runtime import typed_json
 from actors.runtime.recording import RecordingError
 from actors.runtime.recording.reader import open_recording
+from actors.task.task import TaskDeclaration
 from deploy.run.options import Bus
 
 DIGITS: Final = 8
@@ -87,7 +88,7 @@ class CheckRecord(msgspec.Struct, frozen=True):
     failure: str | None = None
     """Cause of the repetition's failure; None: succeeded."""
     differs: tuple[str, ...] = ()
-    """Other differences, such as "places_done 40 in memory, 12 over Zenoh"."""
+    """Other differences, such as "contacts 4 in memory, 1 over Zenoh"."""
     isolation: str = ""
     """Isolation of robots in the repetition, as in its result."""
 
@@ -185,6 +186,8 @@ class CodeFolders(NamedTuple):
 
     strategies: tuple[Path, ...] = ()
     metrics: tuple[Path, ...] = ()
+    tasks: tuple[Path, ...] = ()
+    """Named on the command line."""
 
 
 NO_CODE: Final = CodeFolders()
@@ -203,12 +206,15 @@ class TrialOrder(msgspec.Struct, frozen=True):
     """Folders of user strategies."""
     metric_modules: tuple[str, ...] = ()
     """Folders of the functions of the study's own metrics."""
+    task_modules: tuple[str, ...] = ()
+    """Folders of the user's tasks."""
 
 
 def make_order(study: Study, trial: Trial, folders: CodeFolders, *, repeated: bool) -> TrialOrder:
     """Return the order for a trial. `repeated`: repeat it as processes."""
     alone = Study(
         name="",
+        task=study.task,
         scenario=study.scenario,
         strategies=(trial.strategy,),
         seeds=0,
@@ -227,10 +233,10 @@ def make_order(study: Study, trial: Trial, folders: CodeFolders, *, repeated: bo
     )
 
 
-def validated_record(content: bytes | None, trial: Trial, cause: str) -> TrialRecord:
+def validated_record(content: bytes | None, trial: Trial, task: TaskDeclaration, cause: str) -> TrialRecord:
     """Return the validated record of a trial; its content is untrusted, as a strategy may have written it.
 
-    An invalid record or one of another trial is a failure; without a record, `cause` is the failure.
+    An invalid record or one of another trial or task is a failure; without a record, `cause` is the failure.
     """
     if content is None:
         return _failed_record(trial, cause)
@@ -240,6 +246,8 @@ def validated_record(content: bytes | None, trial: Trial, cause: str) -> TrialRe
         return _failed_record(trial, f"its process left an invalid record: {str(error)[:200]}")
     if len(content) > MAX_BYTES or (record.result is not None and record.result.seed != trial.seed):
         return _failed_record(trial, "its process left the record of another trial")
+    if record.result is not None and record.result.declaration != task:
+        return _failed_record(trial, f"its run had another task than {task.name}, or another version of it")
     if (record.result is None) == (record.failure is None):
         return _failed_record(trial, "its process left an invalid record: must have either result or failure")
     return msgspec.structs.replace(

@@ -1,7 +1,7 @@
 """Settings of a study's trials: command-line options and random draws by seed."""
 
 import itertools
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Final, NamedTuple
@@ -10,7 +10,7 @@ import msgspec
 from numpy.random import Generator
 
 from acrc_testbed.experiments.metrics import MetricError, load_function
-from acrc_testbed.experiments.study import Study, Trial, Variant, load_study
+from acrc_testbed.experiments.study import Study, Trial, Variant, load_study, task_declaration
 from acrc_testbed.experiments.trial_record import CodeFolders
 from actors.floor.doors import Doorways
 from actors.floor.map_file import load_map
@@ -22,11 +22,12 @@ from actors.randomness import generator
 from actors.robot.behaviour.code_permit import Permit, permitted_folders
 from actors.robot_model import OdometryKind, load_model
 from actors.runtime.errors import AcrcError
-from actors.settings import plain
+from actors.settings import plain, read_text, toml_tables
+from actors.task.loading import task_setup
+from actors.task.task import TaskDeclaration
 from actors.user_code import set_folders
-from cleaning.place import GOLDEN
 from cleaning.strategies import entry
-from deploy.scenario.events import place_areas
+from deploy.scenario.events import item_area_tables, scenario_task
 from deploy.scenario.scenario_file import (
     Overrides,
     is_scenario,
@@ -44,15 +45,14 @@ def condition_settings(load: Callable[[Variant], Scenario], own: Variant) -> dic
     """Return settings that make each seed draw what the scenario fixes, in the form of `acrc run --set`.
 
     `load`: loads the scenario with settings; `own`: settings of the study, which are kept, like tables
-    [[robot]] and listed places.
+    [[robot]] and listed items.
     """
-    # on another map a scenario can be loaded only once its starts and places are drawn
+    # on another map a scenario can be loaded only once its starts and items are drawn
     scenario = load(tuple(pair for pair in own if pair[0] != "map"))
     drawn: dict[str, Any] = {}
     if scenario.robots.start:
         drawn["robots.start"] = []
-    if scenario.places.preset == "golden":
-        drawn["places.preset"] = "free"
+    drawn |= _drawn_items(scenario)
     if _odometry_kind(scenario) == "exact":
         drawn["robots.odometry"] = _odometry_with_errors(scenario)
     if not scenario.radio.shadowing_db:
@@ -60,9 +60,17 @@ def condition_settings(load: Callable[[Variant], Scenario], own: Variant) -> dic
     settings = {
         key: value for key, value in drawn.items() if not any(_is_covered(name, key) for name, _ in own)
     }
-    if "places.preset" in settings and load((*own, *settings.items())).area:
-        settings["places.preset"] = "areas"
+    if settings.keys() & _drawn_items(scenario):
+        redrawn = _drawn_items(scenario, has_areas=bool(load((*own, *settings.items())).area))
+        settings |= {key: value for key, value in redrawn.items() if key in settings}
     return settings
+
+
+def _drawn_items(scenario: Scenario, *, has_areas: bool = False) -> dict[str, Any]:
+    """Return settings that draw the items that the task's table fixes."""
+    task, settings = scenario_task(scenario)
+    keys = task.draw_keys(settings, has_areas=has_areas)
+    return {f"{scenario.table}.{key}": value for key, value in keys.items()}
 
 
 def common_conditions(scenario: Scenario) -> str | None:
@@ -78,7 +86,11 @@ def common_conditions(scenario: Scenario) -> str | None:
     more = [
         phrase
         for phrase, is_so in (
-            ("the places are the same", scenario.places.preset in {"golden", "listed"}),
+            (
+                f"the {scenario_task(scenario)[0].declaration.items} are the same",
+                bool(_drawn_items(scenario))
+                or {robot.id for robot in scenario.robot if robot.items is not None} >= {*scenario.ids},
+            ),
             ("odometry is exact", _odometry_kind(scenario) == "exact"),
             ("the radio has no shadowing", not scenario.radio.shadowing_db),
         )
@@ -132,7 +144,11 @@ def draw_settings(study: Study, trial: Trial) -> dict[str, Any]:
         else:
             events += drawn
     if events:
-        settings["event"] = [*map(plain, scenario.event), *events]
+        own_events = (
+            {scenario.table if key == "items" else key: value for key, value in plain(event).items()}
+            for event in scenario.event
+        )
+        settings["event"] = [*own_events, *events]
     return settings
 
 
@@ -230,13 +246,13 @@ def _tasks(sampler: _Sampler) -> list[Event]:
         sampler.draw_count(),
         rng=sampler.rng,
         passage=sampler.radius,
-        areas=place_areas(scenario),
+        areas=[table.area for table in item_area_tables(scenario)] or None,
     )
     return [
         {
             "at": sampler.draw_instant("at"),
             "give": scenario.ids[int(sampler.rng.integers(len(scenario.ids)))],
-            "places": [[round(point.x, 3), round(point.y, 3)]],
+            scenario.table: [[round(point.x, 3), round(point.y, 3)]],
         }
         for point in points
     ]
@@ -261,32 +277,6 @@ _KINDS: Final[Mapping[str, Callable[[_Sampler], list[Event] | dict[str, Any]]]] 
     "odometry": _odometry,
 }
 """Functions that draw events or settings, by kind of distribution."""
-
-
-_CLEARANCE: Final = 0.45
-"""Distance below which two robots have no valid trajectory, m."""
-
-
-def blocked_places(scenario: Scenario) -> Iterator[str]:
-    """Yield a sentence for each robot whose last place is too near to another robot's place.
-
-    Checks only golden places, which are equal for all seeds.
-    """
-    if scenario.places.preset != "golden":
-        return
-    count = scenario.places.per_robot
-    lists = [points[:count] for points in GOLDEN[: scenario.robots.count]]
-    for robot, points in enumerate(lists):
-        for other, theirs in enumerate(lists):
-            if other == robot or not points:
-                continue
-            for number, place in enumerate(theirs):
-                apart = points[-1].distance_to(place)
-                if apart < _CLEARANCE:
-                    yield (
-                        f"places of preset golden: r{robot + 1} ends {apart:.2f} m from place {number} "
-                        f"of r{other + 1} and may block it"
-                    )
 
 
 _SCENARIO: Final = SHIPPED / "scenarios" / "chapter.toml"
@@ -336,20 +326,32 @@ def make_study(options: StudyOptions) -> Study:
         study = load_study(path, tuning=options.tuning)
     else:
         scenario = options.scenario or _SCENARIO
-        named = (name for name in (options.strategies or ",".join(_STRATEGIES)).split(",") if name)
+        task = task_declaration(scenario, tuple(own))
+        named = options.strategies.split(",") if options.strategies else _default_strategies(scenario, task)
         study = Study(
             name=scenario.stem,
+            task=task,
             scenario=str(scenario.resolve()),
-            strategies=tuple(dict.fromkeys(named)),
+            strategies=tuple(dict.fromkeys(filter(None, named))),
             seeds=10,
             tuning=options.tuning,
         )
+    settings = (*study.settings, *own)
     return msgspec.structs.replace(
         study,
-        settings=(*study.settings, *own),
+        task=task_declaration(Path(study.scenario), settings),
+        settings=settings,
         seeds=options.seeds or study.seeds,
         isolated=study.isolated or options.isolate,
     )
+
+
+def _default_strategies(scenario: Path, task: TaskDeclaration) -> Sequence[str]:
+    """Return the strategies to compare: the task's baseline and the scenario's strategy."""
+    if task.baseline in _STRATEGIES:
+        return _STRATEGIES
+    run = toml_tables(read_text(scenario, "scenario"), scenario).get("run")
+    return task.baseline, str(run.get("strategy", "")) if isinstance(run, Mapping) else ""
 
 
 def study_path(options: StudyOptions) -> Path | None:
@@ -367,30 +369,33 @@ def study_path(options: StudyOptions) -> Path | None:
 
 
 def check_study(study: Study, permit: Permit, source: Path | None) -> tuple[list[str], CodeFolders]:
-    """Check scenario, keys, strategies, metrics and draws of every variant before the first trial.
+    """Check scenario, task, keys, strategies, metrics and draws of every variant before the first trial.
 
-    Imports the functions of metrics. Returns warnings on places and starts, and the folders of user code.
+    Imports the functions of metrics. Returns warnings on equal starts, and the folders of user code.
     `source`: study file; None: strategies of the command line. Raises as `permitted_folders`.
     """
     warnings, modules = dict[str, None](), dict[Path, None]()
+    file = source or Path(study.scenario)
     for trial in study.trials_of(study.first_seed):
         own = (*study.settings_of(trial.variant), *draw_settings(study, trial).items())
         overrides = Overrides(seed=trial.seed, strategy=trial.strategy, settings=own)
         scenario = load_scenario(Path(study.scenario), overrides)
+        if (other := task_setup(scenario.task.use, {}).declaration) != study.task:
+            raise AcrcError(
+                f"{file}: a variant has the task {other.name}, another one {study.task.name}; different "
+                "tasks cannot be compared: use a study for each"
+            )
         named = entry(trial.strategy)
         own_permit = permit if source is not None else replace(permit, typed=named)
-        folders = permitted_folders(
-            source or Path(study.scenario), named, module_folders(scenario), own_permit
-        )
+        folders = permitted_folders(file, named, module_folders(scenario), own_permit)
         modules |= dict.fromkeys(folders)
         alike = common_conditions(scenario)
-        warnings |= dict.fromkeys(blocked_places(scenario)) | ({alike: None} if alike else {})
-    return list(warnings), CodeFolders(tuple(modules), _metric_folders(study, permit, source))
+        warnings |= {alike: None} if alike else {}
+    return list(warnings), CodeFolders(tuple(modules), _metric_folders(study, permit, file), permit.modules)
 
 
-def _metric_folders(study: Study, permit: Permit, source: Path | None) -> tuple[Path, ...]:
+def _metric_folders(study: Study, permit: Permit, file: Path) -> tuple[Path, ...]:
     """Return the folders of the functions of a study's metrics, after importing them. Raises AcrcError."""
-    file = source or Path(study.scenario)
     found = [
         permitted_folders(file, one.use, [Path(study.modules)], permit, "metric") for one in study.metric
     ]

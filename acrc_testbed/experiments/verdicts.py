@@ -17,7 +17,7 @@ from acrc_testbed.experiments.comparison import (
     samples,
     too_few_pairs_sentence,
 )
-from acrc_testbed.experiments.metrics import LEXICOGRAPHIC, by_rank, choice, find_metric
+from acrc_testbed.experiments.metrics import is_full, value_of
 from acrc_testbed.experiments.paired_tests import (
     ALPHA,
     MIN_PAIRS,
@@ -74,17 +74,9 @@ class PairVerdict:
         return "equivalent" if self.equivalent else "undecided"
 
 
-def step_metrics(study: Study) -> tuple[Metric, ...]:
-    """Return the metrics of primary comparisons, in order. Raises AcrcError for an unknown metric."""
-    name, metrics = study.primary_metric, study.metrics()
-    if (found := find_metric(name, metrics)) is None:
-        raise AcrcError(f"primary_metric is {name!r}; must be {choice(metrics)}")
-    return by_rank(metrics.values()) if name == LEXICOGRAPHIC else (found,)
-
-
 def family_size(study: Study) -> int:
     """Return the size of the family: one test per step, primary pair and fixed variant."""
-    return len(study.primary_pairs) * len(study.fixed_variants()) * len(step_metrics(study))
+    return len(study.primary_pairs) * len(study.fixed_variants()) * len(study.step_metrics())
 
 
 def planned_pairs(study: Study) -> int:
@@ -100,7 +92,7 @@ def primary_samples(found: Sequence[PairedSample], study: Study) -> list[PairedS
 
 def verdicts(found: Sequence[PairedSample], study: Study) -> list[PairVerdict]:
     """Return verdicts on the primary comparisons after all runs, adjusted by Holm's method."""
-    metrics = step_metrics(study)
+    metrics = study.step_metrics()
     raw = [metric_test(sample, metric) for sample in primary_samples(found, study) for metric in metrics]
     testable = decidable([one.test.differing for one in raw])
     adjusted = iter(holm([one.test.p for one, is_testable in zip(raw, testable, strict=True) if is_testable]))
@@ -119,8 +111,8 @@ def verdicts(found: Sequence[PairedSample], study: Study) -> list[PairVerdict]:
         )
     count = len(metrics)
     return [
-        PairVerdict(steps[place].sample, tuple(steps[place : place + count]))
-        for place in range(0, len(steps), count)
+        PairVerdict(steps[first].sample, tuple(steps[first : first + count]))
+        for first in range(0, len(steps), count)
     ]
 
 
@@ -203,11 +195,11 @@ def interim_verdict(
     if ended and len(due) < len(rules.differ.looks) and sample.pairs:
         due.append(len(sample.pairs))
     for number, pairs in enumerate(due):
-        place = -1 if ended and pairs == len(sample.pairs) else number
+        look = -1 if ended and pairs == len(sample.pairs) else number
         first = sample._replace(pairs=sample.pairs[:pairs])
         steps = [
-            final.get(metric.name) or _at_look(first, metric, study, rules, place)
-            for metric in step_metrics(study)
+            final.get(metric.name) or _at_look(first, metric, study, rules, look)
+            for metric in study.step_metrics()
         ]
         final |= {one.metric: one for one in steps if one.differs or one.equivalent}
         evaluated += (next((one for one in steps if not one.equivalent or one.differs), steps[-1]),)
@@ -218,17 +210,17 @@ def interim_verdict(
 
 
 def _at_look(
-    sample: PairedSample, metric: Metric, study: Study, rules: StoppingRules, place: int
+    sample: PairedSample, metric: Metric, study: Study, rules: StoppingRules, look: int
 ) -> Comparison:
     raw = metric_test(sample, metric)
-    threshold = rules.differ.thresholds[place]
+    threshold = rules.differ.thresholds[look]
     return replace(
         raw,
         tests=family_size(study),
         tested=2.0 ** (1 - raw.test.differing) <= threshold,
         adjusted=raw.test.p,
         differs=raw.test.p <= threshold,
-        equivalent=raw.equivalence_p <= rules.equivalent.thresholds[place],
+        equivalent=raw.equivalence_p <= rules.equivalent.thresholds[look],
         threshold=threshold,
     )
 
@@ -240,7 +232,7 @@ class InterimAnalysis:
         """Raise AcrcError for a study without primary comparisons."""
         self._store = store
         self.rules = stopping_rules(store.study)
-        step_metrics(store.study)
+        store.study.step_metrics()
         self._records: dict[str, TrialRecord] = {}
         self._evaluated_pairs = 0
 
@@ -318,7 +310,7 @@ _SIZES: Final = (MIN_PAIRS, 8, 10, 12, 15, 20, 25, 30, 40, 50, 60, 80, 100, 150,
 """Sample sizes, in pairs, for which power is computed."""
 _SUGGESTED_ROBOTS: Final = 8
 _SUGGESTED_DURATIONS_S: Final = (300.0, 400.0)
-"""Range of suggested durations, in which most places can be done."""
+"""Range of suggested durations."""
 
 
 @dataclass(frozen=True)
@@ -372,34 +364,40 @@ def simulated_power(
     return tuple((counts / campaigns).tolist())
 
 
-def select_pairs(samples: Sequence[PairedSample], places: NDArray[np.int64]) -> list[PairedSample]:
+def select_pairs(samples: Sequence[PairedSample], indices: NDArray[np.int64]) -> list[PairedSample]:
     """Return the samples restricted to the pairs at these indices."""
-    chosen = places.tolist()
-    return [one._replace(pairs=tuple(one.pairs[place] for place in chosen)) for one in samples]
+    chosen = indices.tolist()
+    return [one._replace(pairs=tuple(one.pairs[index] for index in chosen)) for one in samples]
 
 
-def ceiling_sentences(records: Iterable[TrialRecord]) -> Iterator[str]:
-    """Yield a sentence for each variant in which at least half of the runs are complete."""
+def ceiling_sentences(records: Iterable[TrialRecord], study: Study) -> Iterator[str]:
+    """Yield a sentence for each variant in which at least half of the runs have a metric's maximum."""
     runs: dict[str, tuple[dict[str, Any], list[RunResult]]] = {}
     for record in records:
         if record.result is not None:
             runs.setdefault(repr(record.variant), (record.variant, []))[1].append(record.result)
+    metrics = study.metrics().values()
     for variant, results in runs.values():
-        done = [result.completion_s for result in results if result.completion_s is not None]
-        if 2 * len(done) >= len(results):
-            where = "".join(f" with {key} = {value}" for key, value in variant.items())
-            yield (
-                f"{len(done)} of {len(results)} runs{where} completed all places (ceiling effect)."
-                f" Use a harder condition, such as {_harder_condition(results, done)}."
-            )
+        where = "".join(f" with {key} = {value}" for key, value in variant.items())
+        for metric in metrics:
+            full = [run for run in results if is_full(metric, run)]
+            if 2 * len(full) >= len(results):
+                times = (value_of(one, run) for run in full for one in metrics if one.event)
+                done = [time for time in times if time is not None]
+                yield (
+                    f"{len(full)} of {len(results)} runs{where} have the largest possible value of "
+                    f"{metric.description} (ceiling effect). Use a harder condition, such as "
+                    f"{_harder_condition(results, done)}."
+                )
 
 
 def _harder_condition(results: list[RunResult], done: list[float]) -> str:
-    """Return a suggestion: more robots, or a duration below the first quartile of completion times."""
+    """Return a suggestion: more robots, or a duration below the first quartile of the times of events."""
     least, most = _SUGGESTED_DURATIONS_S
-    quarter = quantiles(done, n=4)[0] if len(done) > 1 else done[0]
-    seconds = min(max(round(quarter, -1), least), most)
     changes = [f"--robots {_SUGGESTED_ROBOTS}"] if results[0].robots < _SUGGESTED_ROBOTS else []
-    if seconds < max(result.simulated_s for result in results):
-        changes.append(f"--duration {seconds:g}")
-    return " and ".join(changes) or "more robots or places farther apart"
+    if done:
+        quarter = quantiles(done, n=4)[0] if len(done) > 1 else done[0]
+        seconds = min(max(round(quarter, -1), least), most)
+        if seconds < max(result.simulated_s for result in results):
+            changes.append(f"--duration {seconds:g}")
+    return " and ".join(changes) or "more robots or longer ways"

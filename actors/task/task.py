@@ -55,6 +55,8 @@ class Metric(NamedTuple):
     """Equivalence margin of the mean; None: equivalence is not tested."""
     total: str = ""
     """Column with the largest possible value of the run; empty: there is none."""
+    reported: str = ""
+    """Column with the value as reported by robots, for runs without ground truth; empty: there is none."""
 
 
 SYMBOLS: Final = (
@@ -312,8 +314,11 @@ class Task:
         """
         return None
 
-    def map_keys(self, settings: Any) -> Mapping[str, str]:
-        """Return settings that belong to the scenario's map: their keys, and the text of `--set` to reset."""
+    def draw_keys(self, settings: Any, *, has_areas: bool) -> Mapping[str, Any]:
+        """Return keys and values that draw the items that the settings fix for one map; empty: there are none.
+
+        `has_areas`: the scenario has named areas.
+        """
         return {}
 
     def areas(self, settings: Any, areas: Sequence[tuple[str, T]]) -> Sequence[tuple[str, T]]:

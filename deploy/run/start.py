@@ -113,19 +113,20 @@ def demonstrate(options: RunOptions) -> "dict[str, RunResult]":
 def demonstration_lines(
     results: "dict[str, RunResult]", reassigned: int, pictures: Sequence[Path]
 ) -> Iterator[str]:
-    """Yield the demonstration's result as three lines; `reassigned`: number of adopted places."""
+    """Yield the demonstration's result as three lines; `reassigned`: number of adopted items."""
     without, adapted = results.values()
-    lasted = adapted.completion_s or adapted.simulated_s
     yield (
         f"Without adaptation: {_coverage(without)} in {without.simulated_s:g} s. The robots block each other "
         "in the doorway."
     )
     yield (
-        f"With the chapter's adaptation: {_coverage(adapted)} in {lasted:g} s. The blocked "
-        f"robots exchange destinations by radio; {reassigned} places were reassigned."
+        f"With the chapter's adaptation: {_coverage(adapted)} in {adapted.simulated_s:g} s. The blocked "
+        f"robots exchange destinations by radio; {reassigned} {adapted.declaration.items} were reassigned."
     )
     yield f"Pictures: {', '.join(map(str, pictures))}"
 
 
 def _coverage(result: "RunResult") -> str:
-    return f"{result.places_done} of {result.places_total} places cleaned"
+    words = result.declaration
+    first = next(metric for metric in words.metrics if metric.total)
+    return f"{result.task[first.column]} of {result.task[first.total]} {words.items} {words.done}"

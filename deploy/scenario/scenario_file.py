@@ -225,7 +225,10 @@ def map_conflict(scenario: Scenario, own_map: str, overridden: Collection[tuple[
     task, settings = scenario_task(scenario)
     conflicts: dict[tuple[str, ...], tuple[str, bool]] = {
         ("robots", "start"): ("robots.start=[]", bool(scenario.robots.start)),
-        **{(scenario.table, key): (words, True) for key, words in task.map_keys(settings).items()},
+        **{
+            (scenario.table, key): (f"{scenario.table}.{key}={value}", True)
+            for key, value in task.draw_keys(settings, has_areas=False).items()
+        },
         ("robot",): ("robot=[]", robots),
     }
     required = [words for key, (words, is_set) in conflicts.items() if is_set and key not in overridden]

@@ -79,9 +79,9 @@ class SeriesStyle:
 
 def series_style(number: int) -> SeriesStyle:
     """Return the style of strategy `number`; colours repeat with other lines and markers."""
-    turn, place = divmod(number, len(PALETTE))
+    turn, index = divmod(number, len(PALETTE))
     return SeriesStyle(
-        PALETTE[place], MARKERS[(place + turn) % len(MARKERS)], LINES[(place + turn) % len(LINES)]
+        PALETTE[index], MARKERS[(index + turn) % len(MARKERS)], LINES[(index + turn) % len(LINES)]
     )
 
 
@@ -161,7 +161,7 @@ class Box:
 
 @dataclass(frozen=True)
 class Curve:
-    """One strategy's completion over time."""
+    """Share of one strategy's runs with an event over time."""
 
     label: str
     look: SeriesStyle
@@ -202,8 +202,8 @@ def draw_boxes(
     figure, axes = panels(len(conditions), _PANEL_MARGIN + _ROW_HEIGHT * tallest)
     for panel, (title, rows) in zip(axes, conditions.items(), strict=True):
         _label_rows(panel, title if len(conditions) > 1 else "", [row.label for row in rows])
-        for place, row in enumerate(rows):
-            _draw_box(panel, place, row)
+        for index, row in enumerate(rows):
+            _draw_box(panel, index, row)
         if limit is not None:
             panel.axvline(limit[0], color=FAINT, linewidth=1.0, linestyle=(0, (4, 3)), zorder=1)
         panel.xaxis.set_major_locator(MaxNLocator(7, steps=[1, 2, 5, 10]))
@@ -219,8 +219,8 @@ def draw_boxes(
     return figure
 
 
-def draw_completion(conditions: Mapping[str, Sequence[Curve]], horizon: float) -> Figure:
-    """Draw the share of completed runs over time with 95 % bands, a panel for each condition."""
+def draw_survival(conditions: Mapping[str, Sequence[Curve]], horizon: float, says: str) -> Figure:
+    """Draw shares of runs over time with 95 % bands, a panel for each condition; `says`: label of y axes."""
     figure, axes = panels(len(conditions), 3.4)
     for panel, (title, curves) in zip(axes, conditions.items(), strict=True):
         panel.set_title(wrapped(title, TITLE, 3) if len(conditions) > 1 else "")
@@ -228,7 +228,7 @@ def draw_completion(conditions: Mapping[str, Sequence[Curve]], horizon: float) -
             _draw_curve(panel, curve, horizon)
         panel.set_ylim(-0.03, 1.03)
         panel.yaxis.set_major_formatter(PercentFormatter(1.0))
-        panel.set_ylabel("share of runs complete")
+        panel.set_ylabel(says)
         if len(conditions) > 1:
             panel.legend(loc="best", fontsize=8.5)
     axes[0].set_xlim(0.0, horizon * 1.02)
@@ -246,8 +246,8 @@ def draw_bars(
     figure, axes = panels(len(conditions), _PANEL_MARGIN + _ROW_HEIGHT * tallest + 0.35)
     for panel, (title, rows) in zip(axes, conditions.items(), strict=True):
         _label_rows(panel, title if len(conditions) > 1 else "", [row.label for row in rows])
-        for place, row in enumerate(rows):
-            _draw_stack(panel, place, row, looks)
+        for index, row in enumerate(rows):
+            _draw_stack(panel, index, row, looks)
         panel.set_xlim(0.0, 1.0)
         panel.xaxis.set_major_formatter(PercentFormatter(1.0))
     _label_x(axes, says)
@@ -268,13 +268,13 @@ def draw_dots(quantities: Mapping[str, Sequence[Dot]]) -> Figure:
     for panel, (title, rows) in zip(axes, quantities.items(), strict=True):
         _label_rows(panel, "", [row.label for row in rows])
         panel.set_title(wrapped(title, NARROW, 2))
-        known = [(place, row.mean, row.look) for place, row in enumerate(rows) if row.mean is not None]
-        for place, mean, how in known:
+        known = [(index, row.mean, row.look) for index, row in enumerate(rows) if row.mean is not None]
+        for index, mean, how in known:
             panel.plot(
-                [mean.low, mean.high], [place, place], color=how.colour, linewidth=2.0,
+                [mean.low, mean.high], [index, index], color=how.colour, linewidth=2.0,
                 solid_capstyle="round",
             )  # fmt: skip
-            panel.plot([mean.value], [place], how.marker, color=how.colour, markersize=6, clip_on=False)
+            panel.plot([mean.value], [index], how.marker, color=how.colour, markersize=6, clip_on=False)
         panel.xaxis.set_major_locator(MaxNLocator(5, steps=[1, 2, 5, 10]))
         farthest = (mean.value if math.isnan(mean.high) else mean.high for _, mean, _ in known)
         negative = (mean for _, mean, _ in known if mean.value < 0.0)
@@ -313,12 +313,12 @@ def _axis_start(low: float, high: float) -> float:
     return 0.0 if low == high or high - low > _VISIBLE_RANGE * high else low - 0.5 * (high - low)
 
 
-def _draw_box(panel: Axes, place: int, row: Box) -> None:
+def _draw_box(panel: Axes, index: int, row: Box) -> None:
     values, colour = row.values, row.look.colour
     if len(values) > max(4, len(row.at_least)):  # dots suffice for fewer values or lower bounds alone
         panel.bxp(
             boxplot_stats(values),  # Tukey, "Exploratory Data Analysis", 1977; whiskers end outside the box
-            positions=[place], widths=0.55, orientation="horizontal", showfliers=False, manage_ticks=False,
+            positions=[index], widths=0.55, orientation="horizontal", showfliers=False, manage_ticks=False,
             patch_artist=True,
             boxprops={"facecolor": f"{colour}38", "edgecolor": colour, "linewidth": 1.2},
             medianprops={"color": INK, "linewidth": 2.0},
@@ -329,7 +329,7 @@ def _draw_box(panel: Axes, place: int, row: Box) -> None:
     for number, value in enumerate(values):
         is_limit = limits[value] > 0
         limits[value] -= is_limit
-        dots[is_limit].append((value, place + 0.36 * ((number * _GOLDEN) % 1.0 - 0.5)))
+        dots[is_limit].append((value, index + 0.36 * ((number * _GOLDEN) % 1.0 - 0.5)))
     for hollow, points in dots.items():
         if not points:
             continue
@@ -365,17 +365,17 @@ def _draw_curve(panel: Axes, curve: Curve, horizon: float) -> None:
         )  # fmt: skip
 
 
-def _draw_stack(panel: Axes, place: int, row: Bar, looks: Mapping[str, tuple[str, str]]) -> None:
+def _draw_stack(panel: Axes, index: int, row: Bar, looks: Mapping[str, tuple[str, str]]) -> None:
     begin = 0.0
     for name, (colour, hatch) in looks.items():
         part = row.parts[name]
         panel.barh(
-            [place], [part], left=begin, height=0.62, color=colour, hatch=hatch, edgecolor=PAPER,
+            [index], [part], left=begin, height=0.62, color=colour, hatch=hatch, edgecolor=PAPER,
             linewidth=0.6, label=name,
         )  # fmt: skip
         if part >= _MIN_LABELLED_SHARE:
             panel.text(
-                begin + part / 2, place, f"{100 * part:.0f}", ha="center", va="center", fontsize=8.5,
+                begin + part / 2, index, f"{100 * part:.0f}", ha="center", va="center", fontsize=8.5,
                 color="#111111",
                 bbox={"boxstyle": "round,pad=0.15", "facecolor": "#ffffffcc", "linewidth": 0},
             )  # fmt: skip

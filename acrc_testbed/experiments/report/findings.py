@@ -6,6 +6,7 @@ from typing import Final
 
 from acrc_testbed.experiments.comparison import Comparison
 from acrc_testbed.experiments.evaluation import CampaignEvaluation, OverallEstimate
+from acrc_testbed.experiments.metrics import is_full, known_values
 from acrc_testbed.experiments.paired_tests import MIN_PAIRS
 from acrc_testbed.experiments.report.report_view import (
     REAL,
@@ -15,8 +16,6 @@ from acrc_testbed.experiments.report.report_view import (
     ReportView,
     Row,
     RunSource,
-    completion_time,
-    places_done_or_reported,
     strategy_label,
 )
 from acrc_testbed.experiments.report.time_sections import deadlock_counts
@@ -84,9 +83,10 @@ def tables(view: ReportView, name: str, found: CampaignEvaluation) -> Iterator[P
         "differ by less than the margin. n/a: too few pairs (differ), no margin, or an event in no run.",
         [_comparison_names(step, varies) | _test_cells(step) for one in decided for step in one.steps],
     )
+    metric = next((f" in {one.metric}" for one in found.across), "")
     yield view.table(
         f"cells_{name}",
-        "Declared comparisons over all cells: mean difference in places within pairs, prediction interval "
+        f"Declared comparisons over all cells: mean difference within pairs{metric}, prediction interval "
         "for a new cell with as many seeds, and standard deviations. Mixed model with random effects of "
         "cells and seeds, fitted by restricted maximum likelihood; not a test.",
         [_overall_row(one) for one in found.across if one.fitted is not None],
@@ -189,7 +189,8 @@ def _description(source: RunSource) -> str:
         parts.append(f"{len(study.cells)} random cells of {', '.join(drawn)}")
     if study.conditions == "drawn":
         parts.append(
-            "starts, places, odometry errors and shadowing are drawn for each seed unless set by the study"
+            f"starts, {study.task.items}, odometry errors and shadowing are drawn for each seed unless set "
+            "by the study"
         )
     if study.settings:
         parts.append("with " + ", ".join(f"{key} = {value}" for key, value in study.settings))
@@ -257,11 +258,11 @@ def _limited_use(sources: Sequence[RunSource], view: ReportView) -> Iterator[str
     for one in sources:
         if one.study is not None and one.study.tuning:
             yield f"{one.name}: tuning seeds; judge settings chosen with them on other seeds."
-    if any(run.places_done is None for group in view.groups for run in group.results):
+    if any(run.contacts is None for group in view.groups for run in group.results):
         yield (
-            "Real robots have no ground truth: places are as reported; contacts, localisation errors, causes "
-            "of lost time and CPU time are unknown; completion is the time of the last report. The strategy "
-            "is not recorded, so each field trial is named after its folder."
+            f"Real robots have no ground truth: {view.task.items} are as reported; contacts, localisation "
+            "errors, causes of lost time and CPU time are unknown; times of events are those of reports. The "
+            "strategy is not recorded, so each field trial is named after its folder."
         )
 
 
@@ -314,30 +315,28 @@ def _upper_bounds(view: ReportView) -> Iterator[str]:
 
 def _ceiling_and_floor(view: ReportView) -> Iterator[str]:
     """Yield caveats on ceiling and floor effects."""
-    full = [
-        f"{view.row_name(group)} ({done} of {len(group.results)})"
-        for group in view.groups
-        if len(group.results) > 1 and (done := _all_done(group)) >= _CEILING * len(group.results)
-    ]
-    if full:
-        yield (
-            f"At least half of the runs completed all places: {_group_list(full)}. This ceiling effect hides "
-            "differences in places; use more robots or less time."
-        )
-    never = [
-        view.row_name(group)
-        for group in view.groups
-        if not any(completion_time(one).done for one in group.results)
-    ]
-    if never:
-        yield (
-            f"Without a complete run: {_group_list(never)}. Their restricted mean is the length of the runs, "
-            "a lower bound."
-        )
-
-
-def _all_done(group: Group) -> int:
-    return sum(places_done_or_reported(one) == one.places_total for one in group.results)
+    for metric in view.task_metrics:
+        full = [
+            f"{view.row_name(group)} ({count} of {len(group.results)})"
+            for group in view.groups
+            if len(group.results) > 1
+            and (count := sum(is_full(metric, run) for run in group.results)) >= _CEILING * len(group.results)
+        ]
+        if full:
+            yield (
+                f"At least half of the runs have the largest possible value of {metric.description}: "
+                f"{_group_list(full)}. This ceiling effect hides differences; use more robots or less time."
+            )
+        never = [
+            view.row_name(group)
+            for group in view.groups
+            if metric.event and not known_values(metric, group.results)
+        ]
+        if never:
+            yield (
+                f"Without a run that was {metric.event}: {_group_list(never)}. Their restricted mean is the "
+                "length of the runs, a lower bound."
+            )
 
 
 def _group_list(names: Sequence[str]) -> str:
@@ -362,11 +361,14 @@ def _deadlock_caveats(view: ReportView) -> Iterator[str]:
 
 
 def _fault_caveats(view: ReportView, group: Group) -> Iterator[str]:
-    unverified = sum(
-        one.places_claimed - one.places_done for one in group.results if one.places_done is not None
-    )
-    if unverified:
-        yield f"{view.row_name(group)}: {unverified} places were reported although no robot had visited them."
+    for metric in (one for one in view.task_metrics if one.reported):
+        known = [run for run in group.results if known_values(metric, (run,))]
+        reported = sum(known_values(metric._replace(column=metric.reported), known))
+        if false := reported - sum(known_values(metric, known)):
+            yield (
+                f"{view.row_name(group)}: {false:g} {metric.unit} were reported as {view.task.done}, but "
+                "they were not."
+            )
     lost = sum(one.undelivered > 0 for one in group.results if one.is_simulated)
     if lost:
         yield f"{view.row_name(group)}: in {lost} runs messages between processes were lost."

@@ -7,6 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Final, NamedTuple
 
+from acrc_testbed.experiments.metrics import total_of
 from acrc_testbed.experiments.report import charts, findings, sections, time_sections
 from acrc_testbed.experiments.report.report_view import (
     REAL,
@@ -14,7 +15,7 @@ from acrc_testbed.experiments.report.report_view import (
     ReportView,
     Row,
     RunSource,
-    places_done_or_reported,
+    metric_value,
     read_sources,
     strategy_label,
 )
@@ -27,9 +28,6 @@ from actors.runtime import regular_file
 
 PAGE: Final = "report.html"
 _SECTIONS: Final[tuple[Callable[[ReportView], PageSection | None], ...]] = (
-    sections.places_done,
-    sections.running_time,
-    sections.completion,
     sections.robots,
     time_sections.causes,
     time_sections.blockings,
@@ -37,12 +35,6 @@ _SECTIONS: Final[tuple[Callable[[ReportView], PageSection | None], ...]] = (
     sections.radio,
     sections.costs,
 )
-
-
-_RUN_COLUMNS: Final = (
-    "strategy", "navigation", "seed", "places", "total", "complete at, s", "ended at, s", "length, s",
-    "octets/s", "CPU ms/s", "failure", "digest",
-)  # fmt: skip
 
 
 class ReportPage(NamedTuple):
@@ -85,7 +77,8 @@ def compose(sources: Sequence[RunSource], out: Path) -> ReportPage:
     ]
     tables = [table for name, one in evaluations for table in findings.tables(view, name, one)]
     with charts.style_context():
-        drawn = [section(view) for section in _SECTIONS] if view.groups else []
+        of_task = sections.task_sections(view) if view.groups else ()
+        drawn = [*of_task, *(section(view) for section in _SECTIONS)] if view.groups else []
     failed = findings.failures(view, sources)
     shown = [
         PageSection("Study", description),
@@ -115,7 +108,7 @@ def origin(view: ReportView, sources: Sequence[RunSource]) -> PageSection:
         "runs",
         "All runs",
         [
-            {"folder": one.name, "condition": condition, **_run_row(condition, record)}
+            {"folder": one.name, "condition": condition, **_run_row(view, condition, record)}
             for one in sources
             for condition, record in zip(one.conditions, one.records, strict=True)
         ],
@@ -161,22 +154,23 @@ def _version_rows(sources: Sequence[RunSource]) -> list[Row]:
     ]
 
 
-def _run_row(condition: str, record: TrialRecord) -> Row:
+def _run_row(view: ReportView, condition: str, record: TrialRecord) -> Row:
     run = record.result
     simulated = run is not None and run.is_simulated
-    row: dict[str, Cell] = dict.fromkeys(_RUN_COLUMNS)
-    row |= {"strategy": strategy_label(record.strategy), "failure": record.failure}
-    row["seed"] = None if condition == REAL else str(record.seed)
-    if run is None:
-        return row
-    return row | {
-        "navigation": run.origin.navigation or None if simulated else None,
-        "places": places_done_or_reported(run),
-        "total": run.places_total,
-        "complete at, s": run.completion_s,
-        "ended at, s": run.settled_s,
-        "length, s": run.length_s,
-        "octets/s": run.radio_bytes_per_robot_s,
-        "CPU ms/s": sections.cpu_ms(run),
-        "digest": run.digest if simulated else None,
+    cells: dict[str, Cell] = {
+        "strategy": strategy_label(record.strategy),
+        "navigation": run.origin.navigation or None if run is not None and simulated else None,
+        "seed": None if condition == REAL else str(record.seed),
+    }
+    for one in view.task_metrics:
+        value = None if run is None else metric_value(one, run)
+        cells[sections.titled(one)] = value.at if value is not None and value.done else None
+        if one.total:
+            cells[f"{one.name}, total"] = None if run is None else total_of(one, run)
+    return cells | {
+        "length, s": None if run is None else run.length_s,
+        "octets/s": None if run is None else run.radio_bytes_per_robot_s,
+        "CPU ms/s": None if run is None else sections.cpu_ms(run),
+        "failure": record.failure,
+        "digest": run.digest if run is not None and simulated else None,
     }

@@ -12,6 +12,7 @@ from typing import Final, TypeVar
 from matplotlib.figure import Figure
 
 from acrc_testbed.experiments.evaluation import CampaignEvaluation, evaluate
+from acrc_testbed.experiments.metrics import task_metrics, value_of
 from acrc_testbed.experiments.paired_tests import Interval
 from acrc_testbed.experiments.report import charts
 from acrc_testbed.experiments.report.charts import SeriesStyle
@@ -21,9 +22,10 @@ from acrc_testbed.experiments.study import Study
 from acrc_testbed.experiments.trial_record import TrialRecord
 from acrc_testbed.explanation.time_spent import TimeSpent
 from acrc_testbed.picture.html_page import PagePicture, PageTable
-from acrc_testbed.results.result import RobotResult, RunResult
+from acrc_testbed.results.result import RunResult
 from actors.runtime import regular_file, typed_json
 from actors.runtime.errors import AcrcError
+from actors.task.task import Metric, TaskDeclaration
 
 T = TypeVar("T")
 Cell = str | int | float | Interval | None
@@ -56,6 +58,14 @@ class RunSource:
         return None if self.store is None else self.store.study
 
     @property
+    def task(self) -> TaskDeclaration:
+        """Task of the runs."""
+        if self.study is not None:
+            return self.study.task
+        (run,) = (record.result for record in self.records if record.result is not None)
+        return run.declaration
+
+    @property
     def commit(self) -> str:
         """Commit of the software; empty if unknown."""
         if self.store is not None:
@@ -64,15 +74,22 @@ class RunSource:
 
 
 def read_sources(folders: Sequence[Path]) -> tuple[RunSource, ...]:
-    """Read the folders, in their order. Raises AcrcError."""
+    """Read the folders, in their order. Raises AcrcError, also for runs of different tasks."""
     several = sum(map(is_campaign, folders)) > 1
     named = zip(folders, _unique_names(folders), strict=True)
-    return tuple(
+    sources = tuple(
         _campaign_source(load_store(folder), name, several=several)
         if is_campaign(folder)
         else _run_source(folder, name)
         for folder, name in named
     )
+    for folder, one in zip(folders, sources, strict=True):
+        if one.task.metrics != sources[0].task.metrics:
+            raise AcrcError(
+                f"{folder}: its runs are of the task {one.task.name}, those of {folders[0]} of "
+                f"{sources[0].task.name}; write a report for each task"
+            )
+    return sources
 
 
 def _unique_names(folders: Sequence[Path]) -> list[str]:
@@ -110,19 +127,17 @@ def _run_source(folder: Path, name: str) -> RunSource:
     return RunSource(name, (TrialRecord(origin.strategy or name, result.seed, {}, result),), (condition,))
 
 
-def places_done_or_reported(part: RunResult | RobotResult) -> float:
-    """Return the places done; without ground truth, those that robots reported."""
-    return float(part.places_claimed if part.places_done is None else part.places_done)
+def metric_value(metric: Metric, run: RunResult) -> Completion | None:
+    """Return the value of a run; an event is censored at its end.
 
-
-def event_time(at: float | None, run: RunResult) -> Completion:
-    """Return the time of an event in a run, censored at the end if `at` is None."""
-    return Completion(run.length_s, False) if at is None else Completion(at, True)
-
-
-def completion_time(run: RunResult) -> Completion:
-    """Return when all places of a run were done."""
-    return event_time(run.completion_s, run)
+    Without ground truth, the value that robots reported; None if unknown.
+    """
+    value = value_of(metric, run)
+    if value is not None and math.isnan(value) and metric.reported:
+        value = value_of(metric._replace(column=metric.reported), run)
+    if value is None:
+        return Completion(run.length_s, False)
+    return None if math.isnan(value) else Completion(value, True)
 
 
 @dataclass(frozen=True, eq=False)
@@ -160,6 +175,9 @@ class ReportView:
     def __init__(self, sources: Iterable[RunSource], out: Path) -> None:
         self.out = out
         sources = list(sources)
+        self.task = sources[0].task
+        self.task_metrics = [task_metrics(self.task)[one.name] for one in self.task.metrics]
+        """Metrics that the task declares."""
         self.metrics = {
             one.name: one.metric() for source in sources if source.study for one in source.study.metric
         }
@@ -177,7 +195,7 @@ class ReportView:
             for strategy in strategies
             if (condition, strategy) in found
         )
-        self._looks = {name: charts.series_style(place) for place, name in enumerate(strategies)}
+        self._looks = {name: charts.series_style(number) for number, name in enumerate(strategies)}
         self.has_conditions = len(conditions) > 1
 
     def look(self, group: Group) -> SeriesStyle:

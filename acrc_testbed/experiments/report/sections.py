@@ -1,23 +1,23 @@
-"""Report sections on places, times, robots, radio and costs."""
+"""Report sections on the task's metrics, robots, radio and costs."""
 
 import math
 from collections.abc import Callable, Iterator, Sequence
 from typing import Final, NamedTuple
 
+import msgspec
 import numpy as np
 from scipy.stats import binomtest
 
-from acrc_testbed.experiments.metrics import values
+from acrc_testbed.experiments.metrics import total_of, value_of, values
 from acrc_testbed.experiments.paired_tests import CONFIDENCE, Interval, mean_interval
 from acrc_testbed.experiments.report import charts
 from acrc_testbed.experiments.report.charts import Box, Curve, Dot
 from acrc_testbed.experiments.report.report_view import (
+    Cell,
     Group,
     ReportView,
     Row,
-    completion_time,
-    event_time,
-    places_done_or_reported,
+    metric_value,
 )
 from acrc_testbed.experiments.statistical_models import Completion, kaplan_meier, restricted_mean
 from acrc_testbed.experiments.trial_record import TrialRecord
@@ -83,43 +83,53 @@ def _box_of(name: str, view: ReportView, group: Group, runs: Sequence[Completion
     return Box(name, view.look(group), tuple(run.at for run in runs), lower_bounds)
 
 
-def places_done(view: ReportView) -> PageSection:
-    """Return the section on places done: second box plot of Fig. 7.10."""
+def task_sections(view: ReportView) -> Iterator[PageSection]:
+    """Yield the sections on the task's metrics: box plots of ranked ones, survival curves of events."""
+    for metric in view.task_metrics:
+        known = all(metric_value(metric, run) for group in view.groups for run in group.results)
+        if known and metric.rank is not None:
+            yield _distribution(view, metric)
+        if known and metric.event:
+            yield _survival(view, metric)
+
+
+def titled(metric: Metric) -> str:
+    """Return the metric's description with its unit."""
+    unit = metric.unit if metric.unit and metric.unit not in metric.description else ""
+    return f"{metric.description}, {unit}" if unit else metric.description
+
+
+def _distribution(view: ReportView, metric: Metric) -> PageSection:
+    """Return the section with box plots of a metric."""
     runs = [run for group in view.groups for run in group.results]
-    totals = {run.places_total for run in runs}
-    text = ["Places done at the end of the run: the chapter's number of cleaning tasks that were completed."]
-    if any(run.places_done is None for run in runs):
-        text.append("Places of real robots are as reported, without ground truth.")
+    totals = {total_of(metric, run) for run in runs}
+    limit = _run_end(view) if metric.event else None
+    if len(totals) == 1 and (total := max(filter(None, totals), default=None)):
+        limit = (total, f"all {total:g} {metric.unit}")
 
-    def total(group: Group) -> Row:
-        group_totals = sorted({run.places_total for run in group.results})
-        return {
-            "total": group_totals[0] if len(group_totals) == 1 else f"{group_totals[0]} to {group_totals[-1]}"
-        }
+    def more(group: Group) -> Row:
+        if metric.event:
+            return {metric.event: sum(value_of(metric, run) is not None for run in group.results)}
+        known = sorted({total for run in group.results if (total := total_of(metric, run)) is not None})
+        return {"total": f"{known[0]:g}" + (f" to {known[-1]:g}" if len(known) > 1 else "")} if known else {}
 
     picture, table = _box_plot(
-        view, "places", lambda run: Completion(places_done_or_reported(run), True), what="places done",
-        unit="", axis="places done", table="Places done; total: all places of a run", more=total, near=True,
-        limit=(float(max(totals)), f"all {max(totals)} places") if len(totals) == 1 else None,
-        caption="Places done in each run (as in the chapter's Fig. 7.10).",
+        view, metric.name, lambda run: _known_value(metric, run), what=metric.description,
+        unit=f" {metric.unit}".rstrip(), axis=titled(metric), table=titled(metric), more=more,
+        limit=limit, near=not metric.event, caption=f"{titled(metric).capitalize()}, in each run.",
     )  # fmt: skip
-    return PageSection("Places done", (*text, _BOX), picture, (table,))
+    text = [f"{metric.description.capitalize()}; {metric.better} is better."]
+    if metric.event:
+        text += [f"Runs that were not {metric.event} count with their full length.", _AT_LEAST]
+    if metric.reported and any(run.contacts is None for run in runs):
+        text.append("Values of real robots are as reported, without ground truth.")
+    return PageSection(metric.description.capitalize(), (*text, _BOX), picture, (table,))
 
 
-def running_time(view: ReportView) -> PageSection:
-    """Return the section on running time: first box plot of Fig. 7.10."""
-    picture, table = _box_plot(
-        view, "running_time", lambda run: event_time(run.settled_s, run), what="running time", unit=" s",
-        axis="simulated s", table="Running time until done or given up, s", limit=_run_end(view),
-        more=lambda group: {"settled": sum(run.settled_s is not None for run in group.results)},
-        caption="Running time until all places were done or given up (as in Fig. 7.10).",
-    )  # fmt: skip
-    text = (
-        "Time at which the last place was done or given up: the chapter's total running time till system "
-        "completes or gives up. Other runs count with their full length.",
-        _AT_LEAST,
-    )
-    return PageSection("Running time until done or given up", text, picture, (table,))
+def _known_value(metric: Metric, run: RunResult) -> Completion:
+    value = metric_value(metric, run)
+    assert value is not None
+    return value
 
 
 def _run_end(view: ReportView) -> tuple[float, str] | None:
@@ -128,12 +138,13 @@ def _run_end(view: ReportView) -> tuple[float, str] | None:
     return (max(lengths), "end of run") if len(lengths) == 1 else None
 
 
-def completion(view: ReportView) -> PageSection:
-    """Return the section on completion: Kaplan-Meier curves and their summary."""
+def _survival(view: ReportView, metric: Metric) -> PageSection:
+    """Return the section on when an event happened: Kaplan-Meier curves and their summary."""
     lengths = view.panels(lambda group: max(run.length_s for run in group.results))
     horizons = {condition: max(values) for condition, values in lengths.items()}
-    runs = {group: tuple(map(completion_time, group.results)) for group in view.groups}
+    runs = {group: tuple(_known_value(metric, run) for run in group.results) for group in view.groups}
     done = {group: sum(run.done for run in group_runs) for group, group_runs in runs.items()}
+    event, name = metric.event, metric.name if metric.rank is None else f"{metric.name}_share"
 
     def curve(group: Group) -> Curve:
         return Curve(group.label, view.look(group), kaplan_meier(runs[group]), runs[group])
@@ -143,8 +154,8 @@ def completion(view: ReportView) -> PageSection:
         bounds = binomtest(done[group], count).proportion_ci(CONFIDENCE, method="wilson")
         yield {
             "runs": count,
-            "complete": done[group],
-            "share complete": Interval(done[group] / count, float(bounds.low), float(bounds.high)),
+            event: done[group],
+            f"share {event}": Interval(done[group] / count, float(bounds.low), float(bounds.high)),
             "restricted mean, s": restricted_mean(runs[group], horizon),
             "up to, s": horizon,
         }
@@ -152,72 +163,87 @@ def completion(view: ReportView) -> PageSection:
     def steps(group: Group) -> Iterator[Row]:
         found = curve(group).survival
         for at, *shares in zip(found.times, found.shares, found.high, found.low, strict=True):
-            complete, low, high = (1.0 - float(one) for one in shares)
-            yield {"time, s": float(at), "complete": complete, "low": low, "high": high}
+            share, low, high = (1.0 - float(one) for one in shares)
+            yield {"time, s": float(at), event: share, "low": low, "high": high}
 
     counts = "; ".join(f"{view.row_name(one)} {done[one]} of {len(one.results)}" for one in view.groups)
     picture = view.picture(
-        "completion",
-        charts.draw_completion(view.panels(curve), max(horizons.values())),
-        f"Share of completed runs over simulated time. Complete at the end: {counts}. The tables below have "
-        "all numbers.",
-        "Share of runs with all places done, with 95 % bands; ticks are censored runs.",
+        name,
+        charts.draw_survival(view.panels(curve), max(horizons.values()), f"share of runs {event}"),
+        f"Share of runs {event} over simulated time. At the end: {counts}. The tables below have all "
+        "numbers.",
+        f"Share of runs {event}, with 95 % bands; ticks are censored runs.",
     )
-    caption = "Completion, with 95 % intervals (Wilson for shares, Student for means)"
+    caption = f"Runs {event}, with 95 % intervals (Wilson for shares, Student for means)"
     return PageSection(
-        "Time to complete",
+        f"{metric.description.capitalize()}: share of runs",
         (
-            "Kaplan-Meier estimate of the share of runs with all places done, with 95 % bands. Runs that "
-            "ended before completion are censored (ticks).",
-            "The restricted mean is the mean of the completion time or the run's length, whichever comes "
-            "first; it includes incomplete runs.",
+            f"Kaplan-Meier estimate of the share of runs {event}, with 95 % bands. Runs that ended before "
+            "are censored (ticks).",
+            "The restricted mean is the mean of the time or the run's length, whichever comes first; it "
+            "includes censored runs.",
         ),
         picture,
         (
-            view.group_table("completion", caption, summary),
-            view.group_table("completion_curves", "Steps of the curves", steps, folded=True),
+            view.group_table(name, caption, summary),
+            view.group_table(f"{name}_curves", "Steps of the curves", steps, folded=True),
         ),
     )
 
 
-def robots(view: ReportView) -> PageSection:
-    """Return the section on each robot's own places."""
+def robots(view: ReportView) -> PageSection | None:
+    """Return the section on each robot's own items; None if the task has no metric of robots."""
+    runs = [run for group in view.groups for run in group.results]
+    metrics = [
+        one
+        for one in view.task_metrics
+        if all(metric_value(one, _of_robot(run, robot)) for run in runs for robot in run.per_robot)
+    ]
+    timed = [one for one in metrics if one.event]
 
-    def runs_of(group: Group, robot: str) -> list[Completion]:
-        runs = (run for run in group.results if robot in run.per_robot)
-        return [event_time(run.per_robot[robot].completion_s, run) for run in runs]
+    def values_of(group: Group, robot: str, metric: Metric) -> list[Completion]:
+        own = (_of_robot(run, robot) for run in group.results if robot in run.per_robot)
+        return [_known_value(metric, run) for run in own]
 
     def rows(group: Group) -> Iterator[Row]:
         horizon = max(run.length_s for run in group.results)
         for robot in _robots(group):
-            parts = [run.per_robot[robot] for run in group.results if robot in run.per_robot]
-            runs = runs_of(group, robot)
-            yield {
-                "robot": robot,
-                "runs": len(parts),
-                "total": max(part.places_total for part in parts),
-                "done, mean": sum(map(places_done_or_reported, parts)) / len(parts),
-                "all done in": sum(run.done for run in runs),
-                "restricted mean, s": restricted_mean(runs, horizon),
-            }
+            count = sum(robot in run.per_robot for run in group.results)
+            row: dict[str, Cell] = {"robot": robot, "runs": count}
+            for one in metrics:
+                found = values_of(group, robot, one)
+                if one.event:
+                    row[f"{one.event} in"] = sum(run.done for run in found)
+                    row[f"{one.description}, restricted mean, s"] = restricted_mean(found, horizon)
+                else:
+                    row[f"{one.description}, mean"] = float(np.mean([run.at for run in found]))
+            yield row
 
-    caption = "Each robot's own places: mean number done, and time of the last"
-    table = view.group_table("robots", caption, rows)
-    text = "Time at which the last of a robot's own places was done, by whichever robot."
-    if len(view.groups) > _MAX_PANELS:
+    if not metrics:
+        return None
+    table = view.group_table("robots", f"Each robot's own {view.task.items}: means over runs", rows)
+    text = f"Results of each robot's own {view.task.items}, whichever robot did them."
+    if len(view.groups) > _MAX_PANELS or not timed:
         return PageSection("Results by robot", (text,), None, (table,))
     boxed = {
-        view.row_name(group): [_box_of(robot, view, group, runs_of(group, robot)) for robot in _robots(group)]
+        view.row_name(group): [
+            _box_of(robot, view, group, values_of(group, robot, timed[-1])) for robot in _robots(group)
+        ]
         for group in view.groups
     }
     picture = view.picture(
         "robots",
         charts.draw_boxes(boxed, "simulated s", limit=_run_end(view)),
-        "Box plots of the time at which each robot's own places were done, a panel for each strategy. "
-        "The table below has all numbers.",
-        "Time until a robot's own places were done.",
+        f"Box plots of {timed[-1].description} for each robot's own {view.task.items}, a panel for each "
+        "strategy. The table below has all numbers.",
+        f"{timed[-1].description.capitalize()}, for each robot's own {view.task.items}.",
     )
     return PageSection("Results by robot", (text, _AT_LEAST), picture, (table,))
+
+
+def _of_robot(run: RunResult, robot: str) -> RunResult:
+    """Return the result with the values of one robot in place of those of the task."""
+    return msgspec.structs.replace(run, task=run.per_robot[robot].task)
 
 
 def _robots(group: Group) -> list[str]:
@@ -308,7 +334,7 @@ COSTS: Final = (
 
 
 def _metric_cost(metric: Metric) -> Cost:
-    """Return the cost of a study's own metric; an event that did not happen counts as the end of the run."""
+    """Return the cost of a metric; an event that did not happen counts as the end of the run."""
 
     def measure(run: RunResult, _: TrialRecord) -> float | None:
         (value,) = values(metric, (run,), run.length_s)
@@ -328,7 +354,8 @@ def costs(view: ReportView) -> PageSection:
     outcome_names = dict.fromkeys(
         name for group in view.groups for run in group.results for name in outcome_means(run.outcome)
     )
-    own = map(_metric_cost, view.metrics.values())
+    further = [one for one in view.task_metrics if one.rank is None and not one.event]
+    own = map(_metric_cost, (*view.metrics.values(), *further))
     found = {
         (cost.description, group): [
             float(value)
@@ -351,8 +378,9 @@ def costs(view: ReportView) -> PageSection:
         for name in drawn
     }
     text = [
-        "Means over runs with Student's 95 % intervals. An adoption is a decision to take over another "
-        "robot's place. CPU time includes the whole simulation: physics, scans and navigation.",
+        "Means over runs with Student's 95 % intervals. An adoption is a decision to take over an "
+        f"item ({view.task.item}) of another robot. CPU time includes the whole simulation: physics, scans "
+        "and navigation.",
     ]
     zero = [name for name in known if name not in drawn]
     if zero:
