@@ -125,7 +125,8 @@ class Scene:
         self._poses: dict[str, tuple[float, ...]] = {one.id: one.start for one in setup.robots}
         self._states = dict.fromkeys(counts, "driving")
         self._activities = {
-            robot: ObservedActivity(robot, has_items=bool(count)) for robot, count in counts.items()
+            robot: ObservedActivity(robot, has_items=bool(count) or not setup.task.declaration.lists_items)
+            for robot, count in counts.items()
         }
         self._trail: deque[tuple[float, NDArray[np.float64]]] = deque(maxlen=int(TRAIL_S / TRAIL_STEP_S) + 1)
         """Times, s, and poses of all robots, (robots, 3)."""
@@ -148,9 +149,7 @@ class Scene:
             case TaskChanged():
                 self._items |= {one.key: one for one in message.marks}
             case FloorChanged():
-                self._obstacles |= {one.number: one for one in message.put}
-                for number in message.gone:
-                    self._obstacles.pop(number, None)
+                self._change_floor(message)
             case Control():
                 self._pending[message.ticket] = message.orders
                 while len(self._pending) > MAX_PENDING_ORDERS:
@@ -168,6 +167,11 @@ class Scene:
                     self._jams += message.jams
                     self._people = [(round(one.x, 3), round(one.y, 3)) for one in message.people]
                     self._apply_run(self._model.advance(message.step))
+
+    def _change_floor(self, changed: FloorChanged) -> None:
+        self._obstacles |= {one.number: one for one in changed.put}
+        for number in changed.gone:
+            self._obstacles.pop(number, None)
 
     def _apply_run(self, run: RunData) -> None:
         self._apply(one.order for one in run.orders if isinstance(one.order, Speed))
@@ -212,12 +216,12 @@ class Scene:
         newest = sorted(self._received, key=lambda pair: (-self._received[pair], pair))[:MAX_LINKS]
         things = [(one.kind, list(one.points), one.radius, 0.0) for one in self._obstacles.values()]
         things += [("jammer", [(j.x, j.y)], j.radius, in_seconds(j.until) - now) for j in self._jams]
+        items = [(one.owner, one.x, one.y, one.state, one.by) for one in self._items.values() if one.state]
         return {
             "kind": "state", "t": now, "step": max(self._step, 0), "paused": self._step < self._paused_at,
             "speed": self._speed, "over": self.over, "missed": self._missed, "links": sorted(newest),
             "robots": [self._robot(robot) for robot in self._poses],
-            "items": [(one.owner, one.x, one.y, one.state, one.by) for one in self._items.values()],
-            "left": self._left, "done": self._done, "things": things, "people": self._people,
+            "items": items, "left": self._left, "done": self._done, "things": things, "people": self._people,
         }  # fmt: skip
 
     def _robot(self, robot: str) -> tuple[Any, ...]:

@@ -1,11 +1,14 @@
 """Orders to a run in progress: parsing and sending."""
 
+import contextlib
 import secrets
 import time
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from types import MappingProxyType
 from typing import Final
+
+import msgspec
 
 from actors import orders
 from actors.installation.usage import OptionError, wrong_value
@@ -56,8 +59,11 @@ def _parse_move(words: Sequence[str]) -> Order:
 
 
 def _parse_give(words: Sequence[str]) -> Order:
-    robot, *place = words
-    return _number_parser(lambda x, y: orders.AssignItems(robot, ((x, y),)), 2)(place)
+    robot, *item = words
+    if len(item) == 2:
+        with contextlib.suppress(ValueError):
+            return orders.AssignItems(robot, ((float(item[0]), float(item[1])),))
+    return orders.AssignItems(robot, (msgspec.json.decode(" ".join(item)),))
 
 
 _VERB_SYNTAX: Final[Mapping[str, tuple[str, Callable[[Sequence[str]], Order]]]] = MappingProxyType({
@@ -70,7 +76,7 @@ _VERB_SYNTAX: Final[Mapping[str, tuple[str, Callable[[Sequence[str]], Order]]]] 
     "lose": ("ROBOT SENDER", _parse_lose),
     "obstacle": ("X Y RADIUS", _number_parser(orders.Obstacle, 3)),
     "wall": ("X Y TO_X TO_Y", _number_parser(orders.Wall, 4)),
-    "give": ("ROBOT X Y", _parse_give),
+    "give": ("ROBOT X Y|JSON", _parse_give),
     "close": ("X Y", _number_parser(orders.CloseDoor, 2)),
     "open": ("X Y", _number_parser(orders.OpenDoor, 2)),
     "pause": ("", _number_parser(orders.Pause, 0)),
@@ -95,7 +101,7 @@ def parse(verb: str, words: Sequence[str]) -> Order:
     arguments, read = _VERB_SYNTAX[verb]
     try:
         order = read(words)
-    except (ValueError, TypeError, OverflowError):  # too many words, or infinite seconds
+    except (ValueError, TypeError, OverflowError, RecursionError):  # too many words, or infinite seconds
         expected = f"{verb} {arguments}".strip()
         raise wrong_value("VERB", " ".join([verb, *words]), f"like {expected}") from None
     if fault := order_fault(order, OrderLimits()):

@@ -13,6 +13,7 @@ from acrc_testbed.run_model.recording_readers import messages_on
 from actors.installation.repository import REPOSITORY
 from actors.messages import CONTROL, TRUTH
 from actors.orders import Move, Pause, Resume, Step, Stop, Wall
+from actors.task.task import SYMBOLS
 from tests.swarm.command import begin, leftovers, processes_of
 
 browser = pytest.importorskip("tests.control.browser", reason="websockets comes with `./acrc run --control`")
@@ -62,7 +63,9 @@ def test_a_robot_is_dragged_and_the_run_is_paused_stepped_and_resumed(tmp_path: 
         page.click("#pause")
         browser.until(lambda: page.value(f"state.step > {paused} + 3"))
         browser.until(lambda: page.value("state.links.length == 1 && trails.get('r1').length > 1"))
-        assert page.value("state.robots[0][5]") == [9.0, 12.5], "the first of the places that r1 has"
+        assert page.value("state.robots[0][5]") == [9.0, 12.5], "the first of the items that r1 has"
+        assert page.value("document.querySelector('[data-tool=give]').textContent") == "Place"
+        assert page.value("state.items.length") == 6 and page.value("$('item').hidden")
         for scheme in ("light", "dark"):
             page.scheme(scheme)
             assert page.value(_COLOURS) > 20, f"the map is blank in {scheme}"
@@ -210,7 +213,7 @@ def test_doors_and_new_obstacles_are_drawn(page: Any) -> None:
     browser.until(
         lambda: (
             len(things(page, "obstacle")) == 1
-            and page.value("state.places.some(([, , , stands]) => stands === 'given')")
+            and page.value("state.items.some(([, , , stands]) => stands === 'given')")
         )
     )
     page.click("[data-tool=move]")
@@ -218,8 +221,27 @@ def test_doors_and_new_obstacles_are_drawn(page: Any) -> None:
     page.press("k")
     browser.until(lambda: robot(page)[4] == "off")
     assert page.value("(() => { draw(); drawLegend(); return 'drawn'; })()") == "drawn"
+    known = page.value("Object.keys(SHAPES)")
+    assert {*SYMBOLS} <= {*known}
     assert page.value("Object.values(floor.legend).every(([shape]) => shape in SHAPES)")
-    assert page.value("$('legend').children.length") == page.value("Object.keys(floor.legend).length") == 15
+    assert page.value("Object.keys(floor.marks)") == ["open", "given", "done", "given up"]
+    assert (
+        page.value("$('legend').children.length") == page.value("Object.keys(floor.legend).length") + 4 == 15
+    )
+
+
+@pytest.mark.nightly
+def test_items_that_are_no_points_are_given_as_json_text(page: Any) -> None:
+    page.value("floor.is_point = false, floor.item = '<i>order', nameItems()")
+    assert page.value("document.querySelector('[data-tool=give]').textContent") == "<i>order"
+    page.click("[data-tool=give]")
+    assert page.value("$('note').textContent") == "Select the robot of the <i>order first."
+    page.press("n")
+    page.click("[data-tool=give]")
+    assert page.value("$('note').textContent") == "Enter the <i>order as JSON text beside its button."
+    page.value("$('item').value = '[10, 12]', give()")
+    browser.until(lambda: page.value("$('orders').firstChild.textContent") == "give r1 [10,12]: carried out")
+    assert page.value("state.items.at(-1).slice(0, 4)") == ["r1", 10, 12, "given"]
 
 
 @pytest.mark.nightly

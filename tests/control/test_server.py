@@ -6,6 +6,7 @@ from collections.abc import Awaitable, Callable
 from itertools import cycle
 from typing import Any
 
+import msgspec
 import pytest
 
 from actors.installation.repository import REPOSITORY
@@ -17,11 +18,13 @@ from actors.messages import (
     Drive,
     FloorChanged,
     FrameReceived,
+    ItemMark,
     Jam,
     OrderOutcomes,
     Progress,
     RadioEvents,
     RobotTruth,
+    TaskChanged,
     Truth,
     UnmappedObstacle,
 )
@@ -30,9 +33,10 @@ from actors.orders import AssignItems, Freeze, Move, Speed
 from actors.radio.radio_model import RadioSetup
 from actors.runtime.codec import decode, encode
 from actors.runtime.core import Delivery, at
+from actors.task.loading import task_setup
+from actors.task.task import MarkStyle
 from actors.topic import Message, Topic
 from actors.world.world_setup import BodySetup, TimedOrder, WorldSetup
-from cleaning.place import VisitReport
 from deploy.control.scene import STATES, Scene, state_colours
 
 server = pytest.importorskip("deploy.control.server", reason="websockets comes with `./acrc run --control`")
@@ -45,6 +49,7 @@ def truth_of(robot: str, x: float, y: float, *, stepping: bool = True, powered: 
 
 
 TRUTH_OF_R1 = truth_of("r1", 12.0, 13.0)
+TASK = task_setup("cleaning", {})
 MAP = REPOSITORY / "maps" / "corridor.yaml"
 
 
@@ -75,13 +80,13 @@ class Mesh:
 
 
 def world(*events: TimedOrder) -> WorldSetup:
-    places = {"r1": ((13.0, 13.0), (14.0, 13.0)), "r2": (), "r3": ()}
+    items = {"r1": ((13.0, 13.0), (14.0, 13.0)), "r2": (), "r3": ()}
     start = (12.0, 13.0, 0.0)
     robots = [
-        BodySetup(id=robot, model="turtlebot2", sensor=None, odometry="exact", start=start, places=own)
-        for robot, own in places.items()
+        BodySetup(id=robot, model="turtlebot2", sensor=None, odometry="exact", start=start, items=own)
+        for robot, own in items.items()
     ]
-    return WorldSetup(str(MAP), 1, 100_000, 1_000_000, tuple(robots), events)
+    return WorldSetup(str(MAP), 1, 100_000, 1_000_000, tuple(robots), TASK, events)
 
 
 def scene(*events: TimedOrder) -> Scene:
@@ -102,9 +107,13 @@ def truth(step: int, *robots: RobotTruth, jams: tuple[Jam, ...] = ()) -> Truth:
 
 
 def test_the_scene_follows_messages_and_orders_that_were_carried_out() -> None:
-    stage = scene(TimedOrder(200_000, AssignItems("r2", ((5.0, 5.0),))))
+    stage = scene()
     assert len(stage.floor()["doors"]) == 5
-    said(stage, Drive(0, 0.0, 0.0, 0.0, 0, (VisitReport("r1", 1, 0), VisitReport("r9", 5, 0))))
+    said(
+        stage, TaskChanged(0, (ItemMark("r1", 0, 13.0, 13.0, "open"), ItemMark("r1", 1, 14.0, 13.0, "open")))
+    )
+    said(stage, TaskChanged(0, (ItemMark("r1", 1, 14.0, 13.0, "done", "r2"),)))
+    said(stage, Progress(0, 0, 1, 1, finished=False))
     said(stage, RadioEvents(0, (FrameReceived(0, 2, -70.0, 255, b""),)))
     said(stage, truth(0, jams=(Jam(1.0, 1.0, 3.0, 250_000),)))
     said(stage, Control(0, (Move("r1", 3.0, 4.0, 0.0), Speed(0.5)), "a"))
@@ -125,21 +134,51 @@ def test_the_scene_follows_messages_and_orders_that_were_carried_out() -> None:
         ("jammer", [(1.0, 1.0)], 3.0, 0.25),
     ]  # fmt: skip
     assert (state["paused"], state["speed"], state["links"]) == (True, 0.5, [(0, 1)])
-    assert [one[3] for one in state["places"]] == ["open", "done"]
+    assert state["items"] == [("r1", 13.0, 13.0, "open", ""), ("r1", 14.0, 13.0, "done", "r2")]
+    assert (state["left"], state["done"]) == (1, 1)
     said(stage, truth(3))
     said(stage, FloorChanged(3, (), (1, 77)))
     state = stage.state()
     assert [one[0] for one in state["things"]] == ["wall"] and state["missed"] == 2
     assert (state["paused"], state["t"], state["over"]) == (False, 0.3, False)
-    assert state["places"][2] == ("r2", 5.0, 5.0, "given")
-    said(stage, Control(0, (AssignItems("r1", ((7.0, 7.0),)),), "c"))
-    said(stage, OrderOutcomes(3, "c", ()))
-    said(stage, Drive(4, 0.0, 0.0, 0.0, 0, (VisitReport("r1", 2, 0),), (), (ItemKey("r1", 2),)))
+    said(stage, TaskChanged(3, (ItemMark("r1", 2, 7.0, 7.0, "given"), ItemMark("r1", 1, 14.0, 13.0, ""))))
+    said(stage, Drive(4, 0.0, 0.0, 0.0, 0, (), (), (ItemKey("r1", 2),)))
     said(stage, truth(4))
     state = stage.state()
-    assert state["places"][3] == ("r1", 7.0, 7.0, "done") and state["robots"][0][5] == (7.0, 7.0)
+    assert [one[3] for one in state["items"]] == ["open", "given"] and state["robots"][0][5] == (7.0, 7.0)
     said(stage, Truth(5, 500_000, (), halt=True))
     assert stage.state()["over"]
+
+
+def test_items_of_another_task_are_drawn_by_its_symbols_and_given_as_text() -> None:
+    declaration = msgspec.structs.replace(
+        TASK.declaration,
+        item="order",
+        items="orders",
+        done="delivered",
+        marks={"waiting": MarkStyle("square", "order", True), "odd": MarkStyle("heart", "<b>")},
+        schemas={"item": {"type": "object"}},
+        lists_items=False,
+    )
+    setup = msgspec.structs.replace(world(), task=msgspec.structs.replace(TASK, declaration=declaration))
+    robots = (("r1", 1), ("r2", 2), ("r3", 3))
+    stage = Scene(setup, RadioSetup(seed=1, step_us=100_000, robots=robots), 2.0)
+    floor = stage.floor()
+    assert (floor["item"], floor["items"], floor["done"], floor["is_point"]) == (
+        "order", "orders", "delivered", False,
+    )  # fmt: skip
+    assert scene().floor()["is_point"]
+    assert floor["marks"] == {"waiting": ("square", "", "order"), "odd": ("ring", "", "<b>")}
+    for second in range(4):
+        said(stage, truth(second * 10))
+    assert [one[4] for one in stage.state()["robots"]] == ["standing"] * 3, "they may have orders"
+
+    mesh = Mesh()
+    link = server.RunLink(stage, mesh, mesh)
+    link.send_order('give r1 {"from": [1, 2], "by": 30}')
+    assert mesh.given[0].orders == (AssignItems("r1", ({"from": [1, 2], "by": 30},)),)
+    link.send_order('give r1 {"from": [1')
+    assert link.lines[-1].refused == 1 and "give ROBOT X Y|JSON" in link.lines[-1].refusal
 
 
 def test_standing_and_blocked_robots() -> None:
