@@ -7,12 +7,14 @@ from typing import Any
 import pytest
 from pyarrow import parquet
 
-from acrc_testbed.export.parquet_files import TABLES, schema_page
+from acrc_testbed.export.parquet_files import schema_page, tables_of
 from actors.installation.repository import REPOSITORY
+from cleaning.task import Cleaning
 from tests.documentation.markdown import pages
 from tests.in_process import acrc
 from tests.recorded_runs import record
 
+TABLES = tables_of(Cleaning.declaration)
 PAGE = "docs/tables.md"
 Rows = list[dict[str, Any]]
 
@@ -35,7 +37,7 @@ def tables(exported: Path) -> dict[str, Rows]:
 
 
 def test_files_and_page_have_the_columns_and_their_meanings(exported: Path) -> None:
-    assert (REPOSITORY / PAGE).read_text().endswith(schema_page())
+    assert (REPOSITORY / PAGE).read_text().endswith(schema_page(Cleaning.declaration))
     for table in TABLES:
         schema = parquet.read_schema(exported / "runs" / "tables" / "tables" / f"{table.name}.parquet")
         assert schema.names == [one.name for one in table.columns]

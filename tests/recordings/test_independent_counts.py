@@ -21,7 +21,7 @@ from acrc_testbed.experiments.trial_record import TrialRecord
 from acrc_testbed.explanation.time_accounting import account_time
 from acrc_testbed.explanation.time_spent import TimeSpent
 from acrc_testbed.export import table_rows
-from acrc_testbed.export.parquet_files import TABLES
+from acrc_testbed.export.parquet_files import tables_of
 from acrc_testbed.results.outcome import outcome_means as own_means
 from acrc_testbed.results.result import RunResult
 from acrc_testbed.run_model.recording_readers import final_outcomes, messages_on, world_setup
@@ -87,9 +87,9 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Counted:
     text, out = (REPOSITORY / "scenarios" / "corridor.toml").read_text() + EVENTS, folder / "out"
     result = record(out, text, duration=LENGTH, seed=3, strategy="tests.recordings.counting:behaviour")
     setup = world_setup(out / "world" / "world.mcap")
-    places = {(body.id, n): place for body in setup.robots for n, place in enumerate(body.places)}
+    places = {(body.id, n): place for body in setup.robots for n, place in enumerate(body.items)}
     given = dict.fromkeys(places, 0.0)
-    own = len(setup.robots[0].places)
+    own = len(setup.robots[0].items)
     for number, place in enumerate(((9.0, 12.0), (10.0, 12.0))):
         places["r1", own + number], given["r1", own + number] = place, 4.0
     robots = {path.stem: path for path in out.glob("r[0-9]/*.mcap")}
@@ -113,9 +113,10 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Counted:
         given_at=given,
         tables={
             table.name: [
-                dict(zip([one.name for one in table.columns], row, strict=True)) for row in found[table.name]
+                dict(zip([one.name for one in table.columns], row, strict=True))
+                for row in found.rows[table.name]
             ]
-            for table in TABLES
+            for table in tables_of(found.task)
         },
     )
 
@@ -125,8 +126,9 @@ def reported(run: Counted) -> dict[Key, float]:
     found: dict[Key, float] = {}
     for _, drive in run.drives:
         for report in drive.reports:
-            key, at = (report.owner, report.place), report.instant / 1e6
-            found[key] = min(at, found.get(key, at))
+            owner, number, instant = report
+            at = instant / 1e6
+            found[owner, number] = min(at, found.get((owner, number), at))
     return found
 
 
@@ -144,18 +146,19 @@ def reached(run: Counted) -> dict[Key, float]:
 def test_places_are_those_reported_and_reached(run: Counted) -> None:
     result, when, there = run.result, reported(run), reached(run)
     done = {key for key, at in when.items() if there.get(key, math.inf) <= at}
-    given_up = {(one.owner, one.place) for _, drive in run.drives for one in drive.given_up} - when.keys()
+    given_up = {(one.owner, one.number) for _, drive in run.drives for one in drive.given_up} - when.keys()
     assert len(done) > 3
-    assert (result.places_total, result.places_done) == (len(run.places), len(done))
-    assert (result.places_claimed, result.places_given_up) == (len(when), len(given_up))
+    assert (result.task["places_total"], result.task["places_done"]) == (len(run.places), len(done))
+    assert (result.task["places_claimed"], result.task["places_given_up"]) == (len(when), len(given_up))
     assert value_of(BY_NAME["places"], result) == len(done)
-    assert result.last_reached_s == max(when.values())
-    assert (result.completion_s, result.settled_s) == (None, None), "places are left"
+    assert result.task["last_reached_s"] == max(when.values())
+    assert (result.task["completion_s"], result.task["settled_s"]) == (None, None), "places are left"
     for robot, part in result.per_robot.items():
         own = {key for key in run.places if key[0] == robot}
-        assert (part.places_total, part.places_done) == (len(own), len(done & own))
-        assert (part.places_claimed, part.places_given_up) == (len(when.keys() & own), len(given_up & own))
-        assert part.completion_s is None or own <= done
+        assert (part.task["places_total"], part.task["places_done"]) == (len(own), len(done & own))
+        claimed = part.task["places_claimed"], part.task["places_given_up"]
+        assert claimed == (len(when.keys() & own), len(given_up & own))
+        assert part.task["completion_s"] is None or own <= done
     rows_of = {(row["owner"], row["place"]): row for row in run.tables["places"]}
     for key in run.places:
         row = rows_of[key]
@@ -178,10 +181,10 @@ def test_lost_places_are_in_no_final_route(run: Counted) -> None:
         if robot == "r4" and drive.step >= restarts[0] and not begun:
             begun, routes["r4"] = True, {key for key in run.places if key[0] == "r4"}
         if drive.route is not None:
-            routes[robot] = {(key.owner, key.place) for key in drive.route}
-    spoken = reported(run).keys() | {(o.owner, o.place) for _, drive in run.drives for o in drive.given_up}
+            routes[robot] = {(key.owner, key.number) for key in drive.route}
+    spoken = reported(run).keys() | {(o.owner, o.number) for _, drive in run.drives for o in drive.given_up}
     lost = run.places.keys() - spoken - set().union(*routes.values())
-    assert run.result.places_lost == len(lost)
+    assert run.result.task["places_lost"] == len(lost)
 
 
 def test_adoptions_are_decisions_by_which_a_route_has_a_place_more(run: Counted) -> None:
@@ -253,7 +256,7 @@ def test_paths_and_errors_match_poses(run: Counted) -> None:
     made = run.result
     assert value_of(BY_NAME["driven"], made) == run.result.driven_m
     assert value_of(BY_NAME["contacts"], made) == run.result.contacts
-    assert (made.settled_s, made.completion_s, made.simulated_s) == (None, None, LENGTH)
+    assert (made.task["settled_s"], made.task["completion_s"], made.simulated_s) == (None, None, LENGTH)
     assert run.result.simulated_s == LENGTH == len(run.truths) * STEP
     assert len(run.tables["poses"]) == 4 * len(run.truths)
     row = next(row for row in run.tables["poses"] if (row["robot"], row["step"]) == ("r1", 100))

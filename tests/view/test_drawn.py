@@ -27,7 +27,7 @@ from tests.view.conftest import Rows, rows
 pytestmark = pytest.mark.usefixtures("strict")
 WORLD = {
     *("map", "robots/r1", "robots/r1/turn", "robots/r1/turn/body", "robots/r1/turn/nose", "robots/r1/name"),
-    *("trails/r1", "history/r1", "places/r1", "intent/r1", "heading/r1", "radio/links", "radio/losses"),
+    *("trails/r1", "history/r1", "items/r1", "intent/r1", "heading/r1", "radio/links", "radio/losses"),
 }
 INSIDE = {"scan", "particles", "estimate", "costs", "plan", "arc"}
 
@@ -65,7 +65,7 @@ def test_the_file_contains_all_entities(folder: Path, evidence: RunData, view: V
     ]
     assert {f"/world/{name}" for name in WORLD} <= set(found)
     assert {f"/inside/r2/{name}" for name in INSIDE} <= set(found)
-    assert {"/r1", "/knowledge/r1", "/plots/places/r1", "/plots/error/r1", "/plots/speed/r2"} <= set(found)
+    assert {"/r1", "/knowledge/r1", "/plots/items/r1", "/plots/error/r1", "/plots/speed/r2"} <= set(found)
     assert {"/plots/copies/heard", "/plots/rssi/r1_at_r2", "/plots/ages/r2_at_r1"} <= set(found)
     assert {"/ensembles/robots", "/ensembles/exchanges"} <= set(found)
     poses = of(found, "/world/robots/r1", "Transform3D:translation")
@@ -142,7 +142,10 @@ def test_recordings_of_robots_alone(folder: Path, evidence: RunData, tmp_path: P
     run = whole_run(tmp_path / "trial", internals=True)
     assert not run.description.has_truth and run.robots == ("r1", "r2")
     assert len(run.heard) == len(evidence.heard) > 0
-    assert [deed.place for deed in run.reported] == [deed.place for deed in evidence.reported]
+    seen = [[(event.kind, event.key) for event in one.task_events] for one in (run, evidence)]
+    assert seen[0] == seen[1]
+    assert [mark for _, mark in run.marks] == [mark for _, mark in evidence.marks]
+    assert run.description.task == evidence.description.task and len(run.items) == 6
     held = evidence.estimated[:, 0]
     known = np.isfinite(run.trajectories["r1"].poses[:, 0])
     np.testing.assert_allclose(run.trajectories["r1"].poses[known], held[np.isfinite(held[:, 0])])

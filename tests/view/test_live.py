@@ -28,7 +28,7 @@ from deploy.fleet.fleet_file import load_fleet
 from deploy.fleet.fleet_view import FleetView, ReceivedMessage
 from tests.view.conftest import rows
 
-MORE = {f"/{what}{robot}" for what in ("plots/places/", "world/heading/", "") for robot in ("r1", "r2")}
+MORE = {f"/{what}{robot}" for what in ("plots/items/", "world/heading/", "") for robot in ("r1", "r2")}
 """At the borders of parts a state may be repeated, or a short one may remain."""
 
 
@@ -93,13 +93,13 @@ def test_a_recording_cut_at_any_byte_opens(short_run: Path, cuts: dict[str, floa
         shutil.copytree(short_run, out, ignore=shutil.ignore_patterns("run.json", "seal.json"))
         for actor, share in cuts.items():
             path = out / actor / f"{actor}.mcap"
-            os.truncate(path, max(5000, round(share * path.stat().st_size)))
+            os.truncate(path, max(12_000, round(share * path.stat().st_size)))
         try:
             run = recorded_run(out, internals=True)
         except RunDataError as error:
             assert "ended before its first step" in str(error)
             return
-        assert run.end <= 3.0 and len(run.true) == len(run.seconds) == len(run.places_left)
+        assert run.end <= 3.0 and len(run.true) == len(run.seconds) == len(run.items_left)
         assert np.isfinite(run.true).all() and len(run.internals) <= 2
         assert all(one.end <= run.end for one in run.internals)
 

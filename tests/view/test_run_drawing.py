@@ -14,7 +14,7 @@ from coloraide import Color
 
 from acrc_testbed.explanation.time_spent import Cause
 from acrc_testbed.recordings.run_recordings import RecordedOrder
-from acrc_testbed.run_model.data import PlaceEvent, Route, RunData, Trajectory
+from acrc_testbed.run_model.data import ItemEvent, Route, RunData, Trajectory
 from acrc_testbed.run_model.floor import FloorObject
 from acrc_testbed.view import __main__ as program
 from acrc_testbed.view import run_view
@@ -22,6 +22,7 @@ from acrc_testbed.view.run_drawing import RunDrawing
 from actors.floor.grid import FREE, OCCUPIED, UNKNOWN, OccupancyGrid
 from actors.geometry import Point
 from actors.items import ItemKey
+from actors.messages import ItemMark, TaskEvent
 from actors.observer import glyphs, viewer
 from actors.observer.canvas import Canvas
 from actors.observer.glyphs import Colour
@@ -35,7 +36,11 @@ pytestmark = pytest.mark.usefixtures("strict")
 GRID = OccupancyGrid(
     np.array([[OCCUPIED, FREE, FREE], [UNKNOWN, FREE, OCCUPIED]], dtype=np.uint8), 2.0, Point(-1.0, 3.0)
 )
-PLACES = {"r1": ((1.0, 4.0), (2.0, 4.0)), "r2": ((3.0, 5.0),)}
+MARKS = tuple(
+    (0.0, ItemMark(owner, number, x, y, "open"))
+    for owner, number, x, y in (("r1", 0, 1.0, 4.0), ("r1", 1, 2.0, 4.0), ("r2", 0, 3.0, 5.0))
+)
+COUNTS = {"r1": 2, "r2": 1}
 
 
 def times(some: list[dict[str, Any]]) -> list[float]:
@@ -70,8 +75,8 @@ def run(steps: range, states: dict[str, tuple[tuple[float, str], ...]] | None = 
     true = np.stack([one.poses for one in trajectories.values()], axis=1)
     piece = run_data(("r1", "r2"), 100_000, GRID, true=true)
     since = max(0, steps[0] - 1) / 10
-    description = replace(piece.description, own_places=PLACES)
-    return replace(piece, **{"description": description, "trajectories": trajectories, "places": PLACES,
+    description = replace(piece.description, item_counts=COUNTS)
+    return replace(piece, **{"description": description, "trajectories": trajectories,
                              "end": steps[-1] / 10, "since": since, **more})  # fmt: skip
 
 
@@ -102,26 +107,33 @@ def test_people_are_discs_at_their_positions(tmp_path: Path) -> None:
     np.testing.assert_allclose(drawn[..., :2], people[..., :2])
 
 
-def test_places_show_their_outcomes_and_holders_part_by_part(tmp_path: Path) -> None:
-    done = run(range(3), reported=(PlaceEvent("r2", 0.2, ItemKey("r1", 1)),))
-    gone = run(range(3, 5), given_up=(PlaceEvent("r2", 0.4, ItemKey("r2", 0)),))
+def test_items_show_their_states_and_holders_part_by_part(tmp_path: Path) -> None:
+    cleaned = TaskEvent("r2", 200_000, "cleaned", "r1", 1)
+    done = run(
+        range(3), marks=(*MARKS, (0.2, ItemMark("r1", 1, 2.0, 4.0, "done", "r2"))), task_events=(cleaned,) * 2
+    )
+    gone = run(
+        range(3, 5),
+        marks=((0.4, ItemMark("r2", 0, 3.0, 5.0, "given up", "r2")),),
+        given_up=(ItemEvent("r2", 0.4, ItemKey("r2", 0)),),
+    )
     taken = ItemKey("r1", 0)
     route = run(
         range(5, 7),
         routes=(Route("r2", 0.5, (taken, ItemKey("r2", 0))),),
-        taken_over=(PlaceEvent("r2", 0.5, taken),),
+        taken_over=(ItemEvent("r2", 0.5, taken),),
     )
     found = painted(tmp_path / "view.rrd", done, gone, route)
     own, other = (packed(colour) for colour in glyphs.ROBOTS[:2])
     dim, grey = packed(glyphs.faded(glyphs.ROBOTS[0], 0.55)), packed(glyphs.GREY)
-    first, second = found["/world/places/r1"], found["/world/places/r2"]
+    first, second = found["/world/items/r1"], found["/world/items/r2"]
     np.testing.assert_allclose(times(first), [0.0, 0.2, 0.5], atol=1e-6)
     np.testing.assert_allclose(times(second), [0.0, 0.4], atol=1e-6)
     assert [row["LineStrips3D:colors"] for row in first] == [[own, own], [own, dim], [own, other, dim]]
     assert [row["LineStrips3D:colors"] for row in second] == [[other], [grey, grey]]
     words = [row["TextLog:text"][0] for row in found["/events/r2/recorded"]]
     assert words == ["r2 cleaned r1/1, adopted from r1", "r2 gives up r2/0", "r2 adopts r1/0"]
-    assert found["/plots/places/r2"][-1]["Scalars:scalars"] == [1.0]
+    assert found["/plots/items/r2"][-1]["Scalars:scalars"] == [1.0]
     arrow = found["/world/adoptions/r2"]
     np.testing.assert_allclose(times(arrow), [0.5, 6.5], atol=1e-6)
 
