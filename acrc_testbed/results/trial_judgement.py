@@ -192,7 +192,8 @@ def _true_positions(
     columns = [[*truth.robots].index(robot) for robot in robots]
     size = 8 * len(truth.robots)
     known = np.frombuffer(truth.positions, "<f4", 2 * len(truth.robots) * (len(truth.positions) // size))
-    for number, positions in enumerate(known.reshape(-1, len(truth.robots), 2)[:, columns].astype(np.float64)):
+    samples = known.reshape(-1, len(truth.robots), 2)[:, columns].astype(np.float64)
+    for number, positions in enumerate(samples):
         instant = ahead + number * truth.sample_us
         if instant > -truth.sample_us:
             yield Instant(max(0, instant)), positions

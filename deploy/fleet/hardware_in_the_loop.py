@@ -73,7 +73,8 @@ def run(scenario: Scenario, options: RunOptions, launcher: Launcher | None = Non
     """Run the scenario until no robot has items left or its time is over, and return the result.
 
     Writes run.json and the task's table of items to `result` in the output folder. `launcher` starts the
-    processes; None: as in the options. Raises OptionError for scenarios unsupported in real time and for unknown `boards`.
+    processes; None: as in the options. Raises OptionError for scenarios unsupported in real time and for
+    unknown `boards`.
     """
     check_limits(scenario)
     plan = swarm.plan(scenario, options)

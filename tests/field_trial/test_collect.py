@@ -9,11 +9,12 @@ import pytest
 
 from acrc_testbed.results.field_recordings import FieldTrialError
 from acrc_testbed.results.result import RunResult
-from actors.messages import MESSAGE_VERSION, TRUTH
+from actors.messages import MESSAGE_VERSION, TRUTH, Truth
 from actors.runtime.codec import decode, encode
 from actors.runtime.errors import AcrcError
 from actors.runtime.process import FinalNote, RunNote
 from actors.runtime.recording import Entry, Note, Recorder, read_notes, read_recording, recorder
+from actors.runtime.replay_bus import topic_of
 from deploy.fleet.collect import collect
 from firmware_bridge.laboratory.laboratory import SAMPLE, LaboratoryResult, LaboratoryTruth
 from tests.field_trial.conftest import Run
@@ -217,11 +218,11 @@ BEGAN = EPOCH - 5_000_000
 def laboratory(run: Run, path: Path, *, moved_m: float = 0.0, **other: object) -> Path:
     """Write the result that the emulation would give for a simulated run, with all robots moved."""
     truths = [
-        decode(TRUTH, item.key, item.payload)
+        truth
         for item in read_recording(run.out / "radio" / "radio.mcap")
         if isinstance(item, Entry) and item.key == TRUTH.key() and item.payload is not None
+        if isinstance(truth := decode(topic_of(item.key), item.key, item.payload), Truth) and truth.robots
     ]
-    truths = [truth for truth in truths if truth.robots]
     samples = np.array([[(one.x + moved_m, one.y) for one in truth.robots] for truth in truths])
     before = np.repeat(samples[:1], (EPOCH - BEGAN) // SAMPLE, axis=0)
     result = LaboratoryResult(
@@ -253,7 +254,7 @@ def test_a_report_of_an_unvisited_place_is_mistaken(crowd: Run, tmp_path: Path) 
     ours = collect([far], tmp_path / "out", truth)
     verdicts = [row["verdict"] for row in table(tmp_path / "out" / "places.csv")]
     claimed = crowd.result.task["places_claimed"]
-    assert (verdicts.count("mistaken"), verdicts.count("done")) == (claimed, 0) and claimed > 1
+    assert (verdicts.count("mistaken"), verdicts.count("done")) == (claimed, 0) and len(verdicts) > 1
     assert (ours.task["places_claimed"], ours.task["places_done"]) == (claimed, 0)
     assert ours.notes == ("the emulation fell behind, so the true instants are early by up to 40 ms",)
 

@@ -174,7 +174,7 @@ def test_an_unreadable_map_and_occupied_starts_and_places_are_reported() -> None
     _, start, places = doctor.check_floor(one, one.robot_named("r1"))
     assert not start.ok
     assert start.text.startswith("robot 'r1' at (0.00, 0.00) is not on free floor, but must be at least ")
-    assert places == failed("places", "place 1 at (0, 0) is not on free floor; move it")
+    assert places == failed("places", "place 1 is [0.0, 0.0], but must be on free floor")
     two = fleet(robot(1) + robot(2, "start = [12.1, 5.0, 0.0]"))
     assert list(doctor.check_floor(two, two.robot_named("r2")))[1] == failed(
         "start", "r2 starts 0.10 m from r1, must be at least 0.35 m"

@@ -370,10 +370,10 @@ def test_watching_continues_without_one_of_the_robots_and_reconnects(robots: lis
                 until(f"{other.endpoint}  connected")
             until(f"{other.endpoint}  connection lost, reconnecting")
             first.put(PROGRESS.key(), encode(Progress(7, 0, 2, 1, False)))
-            until(f"{one.endpoint}  step 7: 2 places left, 1 reported, running")
+            until(f"{one.endpoint}  step 7: 2 items left, 1 reported, running")
             held = ("battery nearly empty", "a wheel\x1b[2J")
             first.put(PROGRESS.key(), encode(Progress(8, 0, 2, 1, False, held=held)))
-            until(f"{one.endpoint}  step 8: 2 places left, 1 reported, running, {held[0]}, a wheel\\x1b[2J")
+            until(f"{one.endpoint}  step 8: 2 items left, 1 reported, running, {held[0]}, a wheel\\x1b[2J")
             with other.router():
                 until(f"{other.endpoint}  connected")
         finally:
@@ -404,4 +404,4 @@ def test_listeners_pass_on_messages_of_further_topics(
     assert (robots[0].endpoint, messages.DRIVE.key("r1"), drive) in taken
     said = [lines.get_nowait() for _ in range(lines.qsize())]
     assert f"{robots[0].endpoint}  connected" in said
-    assert any(line.endswith("step 3: 2 places left, 0 reported, running") for line in said)
+    assert any(line.endswith("step 3: 2 items left, 0 reported, running") for line in said)

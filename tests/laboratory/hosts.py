@@ -15,6 +15,7 @@ from actors.instant import Instant
 from actors.messages import Scan
 from actors.radio.radio_model import RadioSetup
 from actors.robot_model import OdometryKind, load_model
+from actors.task.loading import DEFAULT, task_setup
 from actors.world.world_setup import BodySetup, WorldSetup
 from firmware_bridge.kobuki.driver import KobukiDriver
 from firmware_bridge.laboratory.laboratory import LaboratoryResult, LaboratorySetup
@@ -29,7 +30,7 @@ STARTS = ((12.0, 12.5, 0.0), (14.0, 12.5, 3.0), (16.0, 12.0, 1.0))
 
 
 def setup(robots: int, odometry: OdometryKind = "exact") -> LaboratorySetup:
-    """Return a set-up with robots r1, r2, … in the corridor; their place is 0.6 m in front of r1."""
+    """Return a set-up with robots r1, r2, … in the corridor."""
     bodies = tuple(
         BodySetup(
             id=f"r{number}",
@@ -37,11 +38,11 @@ def setup(robots: int, odometry: OdometryKind = "exact") -> LaboratorySetup:
             sensor=None,
             odometry=odometry,
             start=start,
-            places=((12.6, 12.5),),
         )
         for number, start in enumerate(STARTS[:robots], start=1)
     )
-    world = WorldSetup(str(ROOT / "maps/corridor.yaml"), 1, 100_000, 1_000_000, bodies)
+    task = task_setup(DEFAULT, {})
+    world = WorldSetup(str(ROOT / "maps/corridor.yaml"), 1, 100_000, 1_000_000, bodies, task)
     addresses = tuple((body.id, number) for number, body in enumerate(bodies, start=1))
     return LaboratorySetup(
         world, RadioSetup(seed=1, step_us=100_000, robots=addresses, preset="beeclick", map=world.map)

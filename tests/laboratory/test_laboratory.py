@@ -288,8 +288,10 @@ def test_scans_and_odometry_agree_with_ground_truth(tmp_path: Path) -> None:
     assert truth.travelled > 0.5
     assert result.bases["r1"]["skipped"] == 0
     assert result.boards["r1"]["reboots"] == 1
-    assert [place.reached_by for place in result.places] == ["r1", "r1"]
-    assert all(place.reached_at is not None for place in result.places)
+    positions = np.frombuffer(result.positions, "<f4").reshape(-1, 2, 2)
+    assert len(positions) == pytest.approx(10 * result.simulated_s, abs=1)
+    assert positions[0] == pytest.approx(np.array([start[:2] for start in STARTS[:2]]))
+    assert math.dist(positions[-1, 0], truth.pose[:2]) < 0.1
     assert result.robots["r2"].pose == STARTS[1]
     assert sum(result.behind_ms.values()) == round(100 * result.simulated_s)
 

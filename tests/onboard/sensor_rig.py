@@ -21,6 +21,7 @@ from actors.portable.draws import normals
 from actors.radio.radio_model import RadioSetup
 from actors.randomness import generator
 from actors.robot_model import load_model
+from actors.task.loading import DEFAULT, task_setup
 from actors.world.physics import SUBSTEP
 from actors.world.world_setup import BodySetup, WorldSetup
 from firmware_bridge.device_lines import BASE, NO_NOISE, RADIO, RANGE, DevicePort, LineNoise
@@ -235,11 +236,10 @@ class SensorRig:
                 sensor="chapter",
                 odometry="kobuki",
                 start=start,
-                places=(),
             )
             for number, start in enumerate(starts, start=1)
         )
-        world = WorldSetup(str(floor), seed, STEP, 1_000_000, bodies)
+        world = WorldSetup(str(floor), seed, STEP, 1_000_000, bodies, task_setup(DEFAULT, {}))
         addresses = tuple((body.id, number) for number, body in enumerate(bodies, start=1))
         self.laboratory = Laboratory(
             LaboratorySetup(world, RadioSetup(seed=seed, step_us=STEP, robots=addresses, preset="beeclick"))

@@ -161,12 +161,12 @@ def test_a_killed_base_stops_and_all_processes_restart_until_the_operators_stop(
         assert sum(scans) >= 5 and doubtful(rig), "it verified its pose before driving"
         watcher = begin("fleet", "watch", endpoint, "--keys", keys)
         try:
-            line = next(line for line in watcher.stdout if "places left" in line)
+            line = next(line for line in watcher.stdout if "items left" in line)
         finally:
             watcher.kill()
             watcher.wait()
         # on a busy computer the emulated lidar is late, which is reported
-        progress = r"  step \d+: \d places left, \d reported, running(, .+)?\n"
+        progress = r"  step \d+: \d items left, \d reported, running(, .+)?\n"
         assert re.fullmatch(re.escape(endpoint) + progress, line)
         stop = acrc("fleet", "stop", endpoint, "--keys", keys)
         assert (stop.returncode, stop.stdout, stop.stderr) == (0, f"acrc: {endpoint}: stopped\n", "")
