@@ -11,7 +11,7 @@ from typing import Final, NamedTuple
 
 from actors.installation.repository import REPOSITORY
 
-PACKAGES: Final = ("actors", "cleaning", "deeco", "firmware_bridge")
+PACKAGES: Final = ("actors", "cleaning", "deeco", "firmware_bridge", "logistics")
 """Packages with cores."""
 EXEMPT: Final = ("actors/observer", "actors/runtime", "deeco/explain")
 """Code in these packages that is not part of a core."""

@@ -14,7 +14,9 @@ SHIPPED: Final = REPOSITORY if IS_CLONE else Path(__file__).resolve().parent / "
 """Folder with maps, scenarios, studies, fleets and constraints.txt; in a clone, `shipped` has links to them.
 In a wheel, too, they are siblings, since scenarios refer to maps by relative paths."""
 
-PACKAGES: Final = frozenset({"acrc_testbed", "actors", "cleaning", "deeco", "deploy", "firmware_bridge"})
+PACKAGES: Final = frozenset(
+    {"acrc_testbed", "actors", "cleaning", "deeco", "deploy", "firmware_bridge", "logistics"}
+)
 """Installed packages (pyproject.toml); all other code here is not this project's."""
 
 

@@ -19,7 +19,10 @@ from actors.wording import short_repr, toml_text
 
 GROUP: Final = "acrc.tasks"
 """Entry point group in which an installed distribution registers tasks: name = "module:Class"."""
-TASKS: Final[Mapping[str, str]] = {"cleaning": "cleaning.task:Cleaning"}
+TASKS: Final[Mapping[str, str]] = {
+    "cleaning": "cleaning.task:Cleaning",
+    "logistics": "logistics.task:Logistics",
+}
 """Entry strings of the shipped tasks by name."""
 DEFAULT: Final = "cleaning"
 

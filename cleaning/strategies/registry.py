@@ -27,6 +27,9 @@ STRATEGIES: Final[Mapping[str, str]] = MappingProxyType(
         "lease": "cleaning.strategies.lease:behaviour",
         "auction": "cleaning.strategies.auction:behaviour",
         "oracle": "cleaning.strategies.oracle:behaviour",
+        "logistics-greedy": "logistics.strategies.greedy:behaviour",
+        "logistics-threshold": "logistics.strategies.threshold:behaviour",
+        "logistics-auction": "logistics.strategies.auction:behaviour",
     }
 )
 """Entry strings of the shipped strategies by name; "none" is the naive solution."""

@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 from functools import partial
 from typing import Any, Final
 
-from msgspec import UNSET, UnsetType
+from msgspec import UNSET, UnsetType, to_builtins
 from msgspec.structs import asdict, replace
 
 from actors import wording
@@ -131,7 +131,9 @@ def resolve(scenario: Scenario) -> ResolvedScenario:
     check_events(grid, specs, scenario)
     check_doors(grid, specs, scenario)
     robots = tuple(
-        BodySetup(**asdict(spec.table) | {"start": start, "items": _items(grid, spec, start, scenario)})
+        BodySetup(
+            **asdict(spec.table) | {"start": start, "items": _plain(_items(grid, spec, start, scenario))}
+        )
         for spec, start in zip(specs, start_poses, strict=True)
     )
     explicit = _explicit_scenario(scenario, robots)
@@ -357,6 +359,11 @@ def _items(
         generator=partial(generator, scenario.run.seed_of("placement")),
     )
     return task.draw(settings, placing)
+
+
+def _plain(items: Sequence[Any]) -> tuple[Any, ...]:
+    """Return items as in a file, where structs are lists."""
+    return tuple(tuple(one) if isinstance(one, list) else one for one in map(to_builtins, items))
 
 
 def _rounded_to_mm(point: Point) -> tuple[float, float]:

@@ -1,0 +1,1 @@
+"""The second task: robots carry orders between stations, and share chargers."""

@@ -1,0 +1,1 @@
+"""Shipped strategies of the logistics task, one per module."""
