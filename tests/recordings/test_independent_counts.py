@@ -15,7 +15,7 @@ import msgspec
 import numpy as np
 import pytest
 
-from acrc_testbed.experiments.metrics import BY_NAME, find_metric, value_of
+from acrc_testbed.experiments.metrics import find_metric, task_metrics, value_of
 from acrc_testbed.experiments.report.sections import COSTS
 from acrc_testbed.experiments.trial_record import TrialRecord
 from acrc_testbed.explanation.time_accounting import account_time
@@ -37,6 +37,7 @@ from actors.messages import (
     FrameSent,
     Truth,
 )
+from cleaning.task import Cleaning
 from tests.recorded_runs import record
 from tests.recordings.counting import PAUSE
 
@@ -64,6 +65,7 @@ give = "r1"
 places = [[9.0, 12.0], [10.0, 12.0]]
 """
 Key = tuple[str, int]
+METRICS = task_metrics(Cleaning.declaration)
 
 
 @dataclass(frozen=True)
@@ -150,7 +152,7 @@ def test_places_are_those_reported_and_reached(run: Counted) -> None:
     assert len(done) > 3
     assert (result.task["places_total"], result.task["places_done"]) == (len(run.places), len(done))
     assert (result.task["places_claimed"], result.task["places_given_up"]) == (len(when), len(given_up))
-    assert value_of(BY_NAME["places"], result) == len(done)
+    assert value_of(METRICS["places"], result) == len(done)
     assert result.task["last_reached_s"] == max(when.values())
     assert (result.task["completion_s"], result.task["settled_s"]) == (None, None), "places are left"
     for robot, part in result.per_robot.items():
@@ -227,7 +229,7 @@ def test_frames_match_transceiver_events(run: Counted) -> None:
     for name in ("frames_sent", "copies_heard"):
         assert frames[name] == sum(own[name] for own in result.frames_by_robot.values())
     assert result.radio_bytes_per_robot_s == pytest.approx(frames["bytes_sent"] / 4 / LENGTH, abs=1e-3)
-    assert value_of(BY_NAME["radio"], result) == pytest.approx(frames["bytes_sent"] / 4 / LENGTH, abs=1e-3)
+    assert value_of(METRICS["radio"], result) == pytest.approx(frames["bytes_sent"] / 4 / LENGTH, abs=1e-3)
     air = sum((6 + size + 9) * 32e-6 for size in sent.values())
     assert costs(run)["air time of a robot, % of the time"] == pytest.approx(100 * air / (4 * LENGTH))
     heard = Counter(robot for robot, event in run.received if isinstance(event, FrameReceived))
@@ -254,8 +256,8 @@ def test_paths_and_errors_match_poses(run: Counted) -> None:
         assert found.lost_share == pytest.approx(np.mean(np.array(errors[robot]) > 1.0))
     assert run.result.driven_m == pytest.approx(sum(way.values()), rel=0.02)
     made = run.result
-    assert value_of(BY_NAME["driven"], made) == run.result.driven_m
-    assert value_of(BY_NAME["contacts"], made) == run.result.contacts
+    assert value_of(METRICS["driven"], made) == run.result.driven_m
+    assert value_of(METRICS["contacts"], made) == run.result.contacts
     assert (made.task["settled_s"], made.task["completion_s"], made.simulated_s) == (None, None, LENGTH)
     assert run.result.simulated_s == LENGTH == len(run.truths) * STEP
     assert len(run.tables["poses"]) == 4 * len(run.truths)
@@ -281,7 +283,7 @@ def test_goals_and_outcomes_match_the_strategys_counts(run: Counted) -> None:
     assert own["counted.steps"] == dict(steps)
     means = own_means(run.result.outcome)
     assert means["counted.steps"] == pytest.approx(np.mean(list(steps.values()))) and "robot" not in means
-    counted = find_metric("outcome.counted.steps")
+    counted = find_metric("outcome.counted.steps", METRICS)
     assert counted is not None and value_of(counted, run.result) == means["counted.steps"]
 
 

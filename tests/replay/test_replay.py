@@ -156,11 +156,12 @@ preset = "golden"
 per_robot = 1
 """
 STRATEGY = """
+from actors.geometry import Point
 from actors.robot.behaviour.ports import Decision
 
 class Goes:
     def __init__(self, start):
-        self.goal = start.places[0]
+        self.goal = Point(*start.items[0])
 
     def advance(self, view, until):
         goal, self.goal = self.goal, None
