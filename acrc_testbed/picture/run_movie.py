@@ -183,10 +183,15 @@ class _Scene:
         return self._rendered()
 
     def draw_all(self) -> Pixels:
-        """Return a picture of all artists, for the palette."""
+        """Return a picture of all artists, for the palette; call it before `picture`."""
+        for item in floor_picture.shown_items(self._run):
+            self._lines[item.mark.key].set(**floor_picture.item_style(self._run, item, few=self._few))
         for artist in self._changing:
             artist.set_visible(True)
-        return self._rendered()
+        drawn = self._rendered()
+        for line in self._lines.values():
+            line.set_visible(False)
+        return drawn
 
     def _rendered(self) -> Pixels:
         self._canvas.restore_region(self._floor)

@@ -70,10 +70,10 @@ def _item_lines(
     if state not in marks:
         return
     own, symbol = canvas.colour(owner if owner in canvas.robots else by), marks[state].shape
-    if symbol == "disc":
-        yield ring(x, y, 0.05, ITEM), faded(own, 0.55), 0.05
-        return
     is_open = task.marks[state].is_open
+    if symbol == "disc":
+        yield ring(x, y, 0.05, ITEM), own if is_open else faded(own, 0.55), 0.05
+        return
     for outline in _OUTLINES.get(symbol, (CIRCLE,)):
         points = np.array(outline) * (0.15 if is_open else 0.12) + (x, y)
         yield at_height(points, ITEM), own if is_open else GREY, -3.0 if symbol == "heavy cross" else -1.5

@@ -142,9 +142,10 @@ function draw() {
   const at = state.robots.map(([, x, y]) => [x, y]);
   for (const [one, other] of state.links) put("link", [at[one], at[other]]);
   for (const [owner, x, y, stands, by] of state.items) {
-    const [shape] = floor.marks[stands] || [], done = shape === "disc", at = [toScreen(x, y)];
-    if (done) mark(pen, "disc", colour(by, owner), at, size * 0.6, 0.55);
-    if (shape) mark(pen, done ? "ring" : shape, colour(owner, by), at, done ? size * 0.6 : size, done ? 0.55 : 1);
+    const [shape] = floor.marks[stands] || [], full = shape === "disc", at = [toScreen(x, y)];
+    const [far, alpha] = full && !floor.open.includes(stands) ? [size * 0.6, 0.55] : [size, 1];
+    if (full) mark(pen, "disc", colour(by, owner), at, far, alpha);
+    if (shape) mark(pen, full ? "ring" : shape, colour(owner, by), at, far, alpha);
   }
   for (const one of floor.doors) if (!isShut(one)) put("door", one, { size: 0.2 * scale });
   for (const [kind, points, radius, left_] of state.things) {

@@ -90,7 +90,9 @@ def floor_message(setup: WorldSetup, grid: OccupancyGrid) -> dict[str, Any]:
         "width": grid.columns * grid.resolution, "height": grid.rows * grid.resolution,
         "robots": robots, "doors": doors, "legend": _drawn(legend), "person": glyphs.PERSON_RADIUS,
         "states": {state: state_colours(state) for state in STATES},
-        "marks": _drawn(glyphs.item_marks(task)), "item": task.item, "items": task.items, "done": task.done,
+        "marks": _drawn(glyphs.item_marks(task)),
+        "open": [name for name, one in task.marks.items() if one.is_open],
+        "item": task.item, "items": task.items, "done": task.done,
         "is_point": _is_point(task.schemas.get("item")),
     }  # fmt: skip
 

@@ -32,13 +32,25 @@ from acrc_testbed.run_model.data import STEP_COLUMNS, RunData, RunDataError, ord
 from acrc_testbed.run_model.floor import FloorObject, floor_intervals
 from acrc_testbed.run_model.simulated_runs import RunReader, read_run
 from actors.installation.repository import REPOSITORY as ROOT
+from actors.instant import in_seconds
 from actors.messages import Truth
 from actors.observer import glyphs
-from actors.observer.glyphs import ACTIVITY_GLYPHS, CAUSE_GLYPHS, CLOSED, JAM, MARKS, PUT, StateGlyph
+from actors.observer.glyphs import (
+    ACTIVITY_GLYPHS,
+    CAUSE_GLYPHS,
+    CLOSED,
+    JAM,
+    MARKS,
+    PUT,
+    StateGlyph,
+    event_marks,
+    item_marks,
+)
 from actors.orders import Obstacle, StartJam, Wall
 from actors.runtime.recording import RecordingError
 from actors.topic import Message
 from actors.world.world_setup import TimedOrder, WorldSetup
+from cleaning.task import Cleaning
 from tests.recorded_runs import HEAD_ON, record
 
 
@@ -46,8 +58,9 @@ def test_data_agree_with_the_result(evidence: RunData) -> None:
     result = evidence.result
     assert result is not None
     assert evidence.end == pytest.approx(result.simulated_s)
-    assert len({deed.place for deed in evidence.reported}) == result.places_claimed == 6
-    assert max(deed.second for deed in evidence.reported) == result.completion_s
+    done = run_page.done_events(evidence)
+    assert len(done) == result.task["places_claimed"] == 6
+    assert in_seconds(done[-1].instant) == result.task["completion_s"]
     assert evidence.frames_sent.sum() == result.frames["frames_sent"]
     assert evidence.frames_heard.sum() == result.frames["copies_heard"]
     error = np.hypot(*np.moveaxis(evidence.estimated[..., :2] - evidence.true[..., :2], -1, 0))
@@ -55,8 +68,8 @@ def test_data_agree_with_the_result(evidence: RunData) -> None:
 
 
 def test_places_change_hands_in_the_doorway(evidence: RunData) -> None:
-    assert {deed.robot for deed in evidence.taken_over} == {"r1", "r2"}
-    assert all(deed.robot != deed.place.owner for deed in evidence.taken_over)
+    assert {event.robot for event in evidence.taken_over} == {"r1", "r2"}
+    assert all(event.robot != event.key.owner for event in evidence.taken_over)
     first = evidence.taken_over[0]
     at = int(first.second * 10)
     apart = np.hypot(*(evidence.true[at, 0, :2] - evidence.true[at, 1, :2]))
@@ -73,7 +86,7 @@ def test_cause_intervals_have_no_gaps_or_overlaps(evidence: RunData) -> None:
 def test_a_picture_and_the_accounting_have_the_same_seconds(evidence: RunData) -> None:
     lasted: defaultdict[tuple[str, str], float] = defaultdict(float)
     for one in cause_intervals(evidence):
-        lasted[one.robot, one.cause.value] += one.end - one.begin
+        lasted[one.robot, one.cause] += one.end - one.begin
     for robot, causes in account_time(evidence.out).robots.items():
         assert {cause: lasted[robot, cause] for cause in causes} == pytest.approx(causes)
 
@@ -211,8 +224,8 @@ def test_the_page_has_all_marks_with_a_legend(ordered_run: RunData, tmp_path: Pa
         seen = set(map(tuple, np.asarray(image.convert("RGB")).reshape(-1, 3).tolist()))
     assert {PUT, JAM, CLOSED} <= seen
     says = {text.get_text() for text in legend_of(figure.axes[0]).get_texts()}
-    own = ("wall", "obstacle", "jammer", "closed door", "door", "given", "off", "frozen", "carried", "start")
-    assert {MARKS[name].meaning for name in own} <= says
+    own = ("wall", "obstacle", "jammer", "closed door", "door", "off", "frozen", "carried", "start")
+    assert {*(MARKS[name].meaning for name in own), "place added during the run"} <= says
     told = {text.get_text() for text in figure.axes[0].texts}
     assert {"closed 2 to 10 s", "obstacle 3 to 16 s", "jammer 4 to 9 s", "wall 5 to 16 s"} <= told
 
@@ -268,13 +281,17 @@ def test_lanes_of_delayed_robots_come_first(ordered_run: RunData, monkeypatch: p
     assert run_page.lane_order(ordered_run, doing) == sorted(kept, key=lambda robot: -kept[robot])
 
 
+TASK = Cleaning.declaration
+ALL_MARKS = (*item_marks(TASK).values(), *MARKS.values(), *event_marks(TASK).values())
+
+
 def glyph_sheet() -> Figure:
     """Draw all states and marks of the drawing language with their names."""
     figure = style.new_figure(9.5, 3.1)
     columns = figure.subplots(1, 4, width_ratios=[1.1, 0.8, 1.9, 0.5])
     _column(columns[0], "by ground truth", _states(CAUSE_GLYPHS))
     _column(columns[1], "reported by the robot", _states(ACTIVITY_GLYPHS))
-    _column(columns[2], "on the floor and in lanes", [marks.legend_entry(name) for name in MARKS])
+    _column(columns[2], "on the floor and in lanes", [marks.legend_entry(mark) for mark in ALL_MARKS])
     robots = [Patch(facecolor=colour, label=f"r{number}") for number, colour in enumerate(style.ROBOTS, 1)]
     _column(columns[3], "robots", robots)
     return figure
@@ -302,7 +319,7 @@ def test_the_glyphs_in_the_documentation_are_current(tmp_path: Path) -> None:
         far = np.abs(np.asarray(drawn.convert("RGB")).astype(int) - np.asarray(kept.convert("RGB")))
     assert far.max() == 0, f"copy {tmp_path}/glyphs.png to docs/pictures"
     told = {text.get_text() for axes in figure.axes for text in legend_of(axes).get_texts()}
-    assert {*CAUSE_GLYPHS, *ACTIVITY_GLYPHS, *(mark.meaning for mark in MARKS.values())} <= told
+    assert {*CAUSE_GLYPHS, *ACTIVITY_GLYPHS, *(mark.meaning for mark in ALL_MARKS)} <= told
 
 
 def test_invalid_orders_are_left_out(short_run: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -11,7 +11,9 @@ from typing import TYPE_CHECKING, NamedTuple
 import msgspec
 import numpy as np
 import pytest
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.text import Text
 from PIL import Image
 
 from acrc_testbed.command_line import visualisation
@@ -19,9 +21,11 @@ from acrc_testbed.picture import floor_picture, run_html, run_movie, run_page, s
 from acrc_testbed.run_model.data import RunData
 from acrc_testbed.run_model.simulated_runs import read_run
 from actors.installation.usage import OptionError
+from actors.messages import ItemMark, TaskEvent
 from actors.observer import glyphs
 from actors.observer.glyphs import CAUSE_GLYPHS, MARKS, contrast, hexadecimal
 from actors.runtime.errors import AcrcError
+from actors.task.task import Column, MarkStyle, Metric, TaskDeclaration
 from deploy.run import start
 from tests.in_process import acrc
 
@@ -80,7 +84,7 @@ def test_runs_beside_each_other_have_one_scale_of_time(evidence: RunData) -> Non
 def test_robots_beyond_the_palette_have_a_colour_too() -> None:
     assert style.colour(len(style.ROBOTS)) == style.colour(0)
     assert not glyphs.is_small_swarm([f"r{n}" for n in range(13)])
-    assert len({mark.get_label() for mark in floor_picture.legend(MARKS)}) == len(MARKS)
+    assert len({mark.get_label() for mark in floor_picture.legend(MARKS.values(), ())}) == len(MARKS)
 
 
 def test_view_draws_page_and_movie(evidence: RunData, page: Page, folder: Path, tmp_path: Path) -> None:
@@ -103,7 +107,7 @@ def test_view_draws_page_and_movie(evidence: RunData, page: Page, folder: Path, 
     headings = re.findall(r"<h2 id=\"s(\d)\">", html)
     assert headings == [str(number) for number in range(1, len(headings) + 1)] and len(headings) == 8
     assert html.count("<td>takes over ") == len(evidence.taken_over)
-    assert "<td>r2/0</td>" in html and str(out) not in html
+    assert html.count("<td>done</td>") == 6 and str(out) not in html
 
     shown = list(run_movie.instants(evidence, 100.0))
     assert shown[-1] == len(evidence.seconds) - 1
@@ -156,6 +160,73 @@ def test_texts_on_a_page_are_escaped(evidence: RunData) -> None:
     result = msgspec.structs.replace(evidence.result, origin=origin)
     page = run_html.html(replace(evidence, result=result), b"")
     assert "<script" not in page and "&lt;script&gt;alert(1)" in page
+
+
+ORDERS = TaskDeclaration(
+    name="orders",
+    table="orders",
+    item="<i>order",
+    items="<i>orders",
+    done="delivered",
+    metrics=(Metric("orders", "orders delivered", "<i>orders", "delivered", rank=1),),
+    marks={
+        "waiting": MarkStyle("square", "<b>waiting</b>", is_open=True),
+        "odd": MarkStyle("heart", "no such symbol"),
+        "delivered": MarkStyle("disc", "delivered"),
+    },
+    events={"delivered": MarkStyle("snowflake", "order delivered")},
+    columns=(Column("<u>", "number", "a number"), Column("word", "text", "a word")),
+    causes={"<s>charging": ("#0000fe", "//"), "odd cause": ("url(x)", "?")},
+)
+
+
+def test_a_run_of_any_task_is_drawn_by_its_declaration(evidence: RunData, tmp_path: Path) -> None:
+    assert evidence.result is not None
+    result = msgspec.structs.replace(evidence.result, task={"delivered": 1.5})
+    run = replace(
+        evidence,
+        description=replace(evidence.description, task=ORDERS),
+        result=result,
+        marks=(
+            (0.0, ItemMark("", 0, 9.0, 12.0, "waiting")),
+            (0.0, ItemMark("", 1, 9.0, 13.0, "waiting")),
+            (1.0, ItemMark("", 1, 9.0, 13.0, "")),
+            (1.0, ItemMark("r9", 2, 9.0, 12.5, "odd")),
+            (2.0, ItemMark("", 3, 9.0, 12.5, "unknown state")),
+            (40.0, ItemMark("", 0, 10.0, 12.0, "delivered", "r2")),
+        ),
+        task_events=(
+            TaskEvent("r1", 1_000_000, "<s>charging"),
+            TaskEvent("r1", 30_000_000, "odd cause"),
+            TaskEvent("r1", 31_000_000, ""),
+            TaskEvent("r2", 40_000_000, "delivered", "", 0),
+            TaskEvent("r7", 40_000_000, "delivered", "x", 0),
+        ),
+        items=({"<u>": 0.5, "word": "<a>"}, {}),
+    )
+    items = floor_picture.shown_items(run)
+    assert [(one.mark.number, one.symbol.shape, one.is_filled) for one in items] == [
+        (0, "square", True), (2, "ring", False),
+    ]  # fmt: skip
+    assert style.short_title(run) == f"chapter: 1.5 <i>orders in {result.simulated_s:g} s"
+    with style.context(style.LOOK):
+        figure = run_page.draw(run)
+        style.save(figure, tmp_path / "run.png")
+        drawn = style.svg(figure)
+    assert (0, 0, 254) in colours(tmp_path / "run.png")
+    said = {text.get_text() for axes in figure.axes for text in legend_texts(axes)}
+    assert {"no such symbol", "<b>waiting</b>", "<s>charging", "odd cause", "order delivered"} <= said
+    assert any("<i>orders delivered by each robot: 2" in axes.get_title(loc="left") for axes in figure.axes)
+    page = run_html.html(run, drawn)
+    assert "&lt;i&gt;orders</h2>" in page
+    assert "<td>&lt;a&gt;</td>" in page and "0.50</td>" in page
+    assert not re.search("<[iubs]>", page)
+    run_movie.write(run, tmp_path / "m.gif", 200.0)
+
+
+def legend_texts(axes: Axes) -> list[Text]:
+    legend = axes.get_legend()
+    return [] if legend is None else legend.get_texts()
 
 
 def test_a_run_without_a_result_was_cut_off_or_is_running(short_run_copy: Path) -> None:
