@@ -55,7 +55,7 @@ class Activity(MessagePart, frozen=True):
     activity: str
     """One of `actors.robot.introspector.ACTIVITIES`."""
     destination: str
-    """Place that it drives to, such as "r1/3"; empty: none."""
+    """Item of the task that it drives to, such as "r1/3"; empty: none."""
     point: tuple[float, float] | None
     """Its goal, m, map frame."""
 

@@ -42,7 +42,7 @@ T = TypeVar("T")
 LONGEST_S: Final = 1_000_000
 """Longest duration in a file, s."""
 LARGEST_FILE: Final = 1_000_000
-"""Bytes; a scenario of 1000 robots with 10 places each has half of that."""
+"""Bytes; a scenario of 1000 robots with 10 items each has half of that."""
 MOST_PARTS: Final = 32
 """Parts of a dotted key; parsing time grows with their square, and no file here has more than three."""
 MOST_BITS: Final = 1023

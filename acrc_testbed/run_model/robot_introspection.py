@@ -104,7 +104,7 @@ class ActivityChange(NamedTuple):
     second: float
     activity: str
     destination: str
-    """A place such as "r1/3"; empty: none."""
+    """An item such as "r1/3"; empty: none."""
     point: tuple[float, float] | None
     """The goal, m, map frame; None: none."""
 

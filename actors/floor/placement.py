@@ -100,7 +100,7 @@ def draw_points(
         if not with_room:
             raise PlacementError(
                 f"only {len(points)} of {count} points fit at least {clearance:g} m from walls and"
-                f" {apart:g} m from each other; use fewer robots or places, or smaller distances."
+                f" {apart:g} m from each other; use fewer robots or points, or smaller distances."
             )
         point = _draw(with_room, rng)
         _exclude(grid, admitted, point, spacing)

@@ -34,7 +34,7 @@ class Difference(NamedTuple):
     """A field with two different values."""
 
     field: str
-    """Path such as `Drive.route[2].place`."""
+    """Path such as `Drive.route[2].number`."""
     one: object
     other: object
 

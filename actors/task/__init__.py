@@ -1,1 +1,1 @@
-"""The task of a run: what robots say of it, and how it is judged. Here it is to visit places."""
+"""Interface and loading of tasks."""

@@ -89,7 +89,7 @@ def test_only_reachable_floor_is_used() -> None:
     assert all(5 < point.x < 8 and point.y > 1 for point in narrow), "the south strip is 1 m wide"
 
 
-FEWER = "from each other; use fewer robots or places, or smaller distances."
+FEWER = "from each other; use fewer robots or points, or smaller distances."
 FREE_FLOOR = "reduce clearance or move the area."
 FAR = {"areas": [Area("Moon", 100, 100, 101, 101)]}
 NARROW = {"areas": [Area("Hall", 1, 1, 2, 2), Area("Office1", 0, 0, 0.5, 4)]}

@@ -328,7 +328,7 @@ class Start:
     exchange: ExchangeSettings = _DEFAULT_EXCHANGE
     """Exchange of knowledge, if the behaviour has a node."""
     floor: FloorPlan = _NO_FLOOR
-    """The robot's map; its random places come from `generator`."""
+    """The robot's map; its random points come from `generator`."""
     members: Mapping[str, int] = field(default_factory=lambda: MappingProxyType({}))
     """Radio addresses by id of all robots of the run or fleet, also of this one and of those that are off, in
     the order of its file; read-only."""

@@ -139,12 +139,12 @@ class _Tiles(NamedTuple):
 
 
 class ReachableFloor:
-    """Implementation of FloorPlan for one robot; data for random places is computed on first use."""
+    """Implementation of FloorPlan for one robot; data for random points is computed on first use."""
 
     def __init__(
         self, floor: PlanningGrid, radius: float, start: Point, areas: Sequence[Area], generator: Generator
     ) -> None:
-        """Create a floor plan. `radius`: of the body, m; `areas`: of random places, empty: everywhere."""
+        """Create a floor plan. `radius`: of the body, m; `areas`: of random points, empty: everywhere."""
         self._floor = floor
         self._radius = radius
         self._start = start

@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 LARGE: Final = 256
 """Largest message that its sender records completely, bytes."""
 LARGEST_RECORD: Final = 16 * 1024 * 1024
-"""Most bytes of a record; the world's last note on 1000 robots with 10 places each has less than 4 MB."""
+"""Most bytes of a record; the world's last note on 1000 robots with 10 items each has less than 4 MB."""
 UNSEALED: Final = 1024 * 1024
 """Most bytes between seals, also within a step."""
 MOST_CHANNELS: Final = 20_000
