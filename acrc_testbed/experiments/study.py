@@ -394,10 +394,10 @@ def load_study(path: Path, *, tuning: bool = False) -> Study:
                     f"{path}: primary: {name!r} is not one of the study's strategies: {', '.join(strategies)}"
                 )
     scenario = (path.parent / table.scenario).resolve()
-    task = task_declaration(scenario, tuple(table.set.items()))
     try:
-        check_names(table.metric, task)
         factors = factors_of(table.vary, table.samples, FIRST_TUNING_SEED if tuning else FIRST_SEED)
+        task = task_declaration(scenario, tuple(table.set.items()))
+        check_names(table.metric, task)
     except AcrcError as error:
         raise AcrcError(f"{path}: {error}") from None
     shared = {name: getattr(table, name) for name in CommonStudyFields.__struct_fields__} | {

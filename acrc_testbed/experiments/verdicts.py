@@ -17,7 +17,7 @@ from acrc_testbed.experiments.comparison import (
     samples,
     too_few_pairs_sentence,
 )
-from acrc_testbed.experiments.metrics import is_full, value_of
+from acrc_testbed.experiments.metrics import is_full, known_values
 from acrc_testbed.experiments.paired_tests import (
     ALPHA,
     MIN_PAIRS,
@@ -377,13 +377,13 @@ def ceiling_sentences(records: Iterable[TrialRecord], study: Study) -> Iterator[
         if record.result is not None:
             runs.setdefault(repr(record.variant), (record.variant, []))[1].append(record.result)
     metrics = study.metrics().values()
+    events = [one for one in metrics if one.event]
     for variant, results in runs.values():
         where = "".join(f" with {key} = {value}" for key, value in variant.items())
         for metric in metrics:
             full = [run for run in results if is_full(metric, run)]
             if 2 * len(full) >= len(results):
-                times = (value_of(one, run) for run in full for one in metrics if one.event)
-                done = [time for time in times if time is not None]
+                done = known_values(events[0], full) if events else []
                 yield (
                     f"{len(full)} of {len(results)} runs{where} have the largest possible value of "
                     f"{metric.description} (ceiling effect). Use a harder condition, such as "

@@ -6,7 +6,7 @@ from pathlib import Path
 from acrc_testbed.experiments.comparison import PairedSample
 from acrc_testbed.experiments.study import Factor, Study
 from acrc_testbed.results.result import RunResult
-from tests.experiments.made_runs import run
+from tests.experiments.made_runs import CLEANING, run
 
 ROWS = Path(__file__).with_name("campaign.csv")
 FACTOR = "places.per_robot"
@@ -37,6 +37,7 @@ def study(primary: tuple[tuple[str, str], ...], seeds: int) -> Study:
     places = tuple(dict.fromkeys(count for _, count in cells))
     return Study(
         name="rows",
+        task=CLEANING,
         scenario="",
         strategies=strategies,
         seeds=seeds,

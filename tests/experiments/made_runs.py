@@ -5,11 +5,15 @@ from collections.abc import Callable, Iterator, Sequence
 import msgspec
 
 from acrc_testbed.experiments.comparison import PairedSample, samples
-from acrc_testbed.experiments.metrics import Run
+from acrc_testbed.experiments.metrics import Run, task_metrics
 from acrc_testbed.experiments.study import Study
 from acrc_testbed.experiments.trial_record import TrialRecord
 from acrc_testbed.experiments.verdicts import PairVerdict, verdicts
 from acrc_testbed.results.result import RunResult, field_trial_struct
+from actors.task.loading import task_setup
+
+CLEANING = task_setup("cleaning", {}).declaration
+METRICS = task_metrics(CLEANING)
 
 LENGTH = 600.0
 Outcome = tuple[int, float | None]
@@ -26,24 +30,31 @@ def trials(
             yield TrialRecord(strategy, seed, {}, failure="it rained")
             continue
         places, at = found
-        result = msgspec.structs.replace(
-            plain, places_done=places, completion_s=at, settled_s=at, simulated_s=LENGTH
-        )
+        result = varied(plain, places_done=places, completion_s=at, settled_s=at, simulated_s=LENGTH)
         yield TrialRecord(strategy, seed, {}, result)
 
 
 def study(one: str = "one", other: str = "other", **words: object) -> Study:
     made = Study(
-        name="made", scenario="/nowhere.toml", strategies=(one, other), seeds=20, primary=((one, other),)
-    )
+        name="made", task=CLEANING, scenario="/nowhere.toml", strategies=(one, other), seeds=20,
+        primary=((one, other),),
+    )  # fmt: skip
     return msgspec.structs.replace(made, **words)
+
+
+def varied(plain: RunResult, **words: object) -> RunResult:
+    """Return the result with other fields and values of the task."""
+    task = {name: words.pop(name) for name in [*words] if name not in RunResult.__struct_fields__}
+    return msgspec.structs.replace(plain, task=plain.task | task, **words)  # type: ignore[arg-type]
 
 
 def run(places: int, settled: float | None = None, *, length: float = LENGTH, **others: object) -> RunResult:
     """Return a result with only the values that comparisons read."""
+    task = {"places_done": places, "places_total": 40, "completion_s": settled, "settled_s": settled}
+    task |= {name: others.pop(name) for name in [*others] if name in task}  # type: ignore[dict-item]
     known: dict[str, object] = {
-        "places_done": places, "places_total": 40, "completion_s": settled, "settled_s": settled,
-        "simulated_s": length, "contacts": 0, "radio_bytes_per_robot_s": 0.0, "driven_m": 0.0, "outcome": {},
+        "task": task, "declaration": CLEANING, "simulated_s": length, "contacts": 0,
+        "radio_bytes_per_robot_s": 0.0, "driven_m": 0.0, "outcome": {},
     }  # fmt: skip
     return field_trial_struct(RunResult, **(known | others))
 

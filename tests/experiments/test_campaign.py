@@ -45,13 +45,21 @@ from actors.runtime.errors import AcrcError
 from deploy.run import swarm
 from deploy.run.options import RunOptions
 from deploy.scenario.scenario_file import Overrides, load_scenario, parse_settings
+from tests.experiments.made_runs import CLEANING
 from tests.in_process import acrc
 
 pytestmark = pytest.mark.usefixtures("forked_servers")
 ROOT = Path(__file__).parents[2]
 CORRIDOR = ROOT / "scenarios" / "corridor.toml"
 SHORT = (("robots.count", 1), ("run.duration", 3.0))
-STUDY = Study(name="short", scenario=str(CORRIDOR), strategies=("none", "chapter"), seeds=2, settings=SHORT)
+STUDY = Study(
+    name="short",
+    task=CLEANING,
+    scenario=str(CORRIDOR),
+    strategies=("none", "chapter"),
+    seeds=2,
+    settings=SHORT,
+)
 DRAWN = (
     Distribution("dropout", (("share", (0.0, 0.2)),)),
     Distribution("odometry", (("drift", (1.0, 5.0)),)),
@@ -94,6 +102,7 @@ quiet = Cheat
 COUNTS = """
 import math
 import os
+from tests.experiments.made_runs import CLEANING
 
 def driven(tables):
     rows = tables["poses"].to_pylist()
@@ -118,7 +127,7 @@ def done(tmp_path_factory: pytest.TempPathFactory, forked_servers: None) -> Stor
     folder = tmp_path_factory.mktemp("own")
     (folder / "cheat.py").write_text(CHEAT)
     study = Study(
-        name="short", scenario=own_scenario(folder), strategies=("chapter", "cheat:quiet"),
+        name="short", task=CLEANING, scenario=own_scenario(folder), strategies=("chapter", "cheat:quiet"),
         seeds=1, settings=SHORT, factors=(Factor("deeco.publish", (1.0, 2)),), distributions=DRAWN,
         metric=(
             MetricTable("driven", "counts:driven", "less"),
@@ -152,7 +161,7 @@ def test_one_run_is_repeated_alone_from_its_recorded_command(done: Store, tmp_pa
     record, row = list(done.records())[2], list(campaign.rows(done))[2]
     assert record.strategy == "chapter" and record.result is not None
     given = [event for event in record.drawn["event"] if "give" in event]
-    assert record.result.places_total == 10 + len(given)
+    assert record.result.task["places_total"] == 10 + len(given)
     typed = shlex.split(str(row["command"]))
     assert typed[:3] == ["acrc", "run", done.study.scenario]
     words = [word for flag, word in pairwise(typed) if flag == "--set"]
@@ -171,7 +180,7 @@ def test_both_tables_have_a_row_for_each_run_with_all_its_numbers(done: Store) -
         assert [round(sum(each.values()), 6) for each in record.time.robots.values()] == [3.0]
         assert (row["strategy"], row["seed"], row["failure"]) == (record.strategy, 1, None)
         assert (row["digest"], row["commit"]) == (record.result.digest, record.result.origin.commit)
-        assert row["places_total"] == record.result.places_total
+        assert row["places_total"] == record.result.task["places_total"]
         assert row["navigation.goals"] == record.result.navigation.goals
         assert row["frames.frames_sent"] == record.result.frames["frames_sent"]
         assert json.loads(row["versions"])["python"] == record.result.origin.versions["python"]
@@ -219,7 +228,8 @@ def test_a_strategy_that_changes_its_result_in_memory_is_found(done: Store, tmp_
 
 def test_every_nth_trial_is_repeated(plain: RunResult, tmp_path: Path) -> None:
     kept = store.create_store(
-        tmp_path / "out", Study(name="s", scenario=str(CORRIDOR), strategies=("none", "chapter"), seeds=5)
+        tmp_path / "out",
+        Study(name="s", task=CLEANING, scenario=str(CORRIDOR), strategies=("none", "chapter"), seeds=5),
     )
     assert campaign.write_tables(kept)[1].read_text() == "\n", "without any run"
     for trial in kept.study.trials():
@@ -240,6 +250,7 @@ def test_an_isolated_campaign_makes_every_run_as_isolated_processes(tmp_path: Pa
     (tmp_path / "cheat.py").write_text(CHEAT)
     study = Study(
         name="s",
+        task=CLEANING,
         scenario=own_scenario(tmp_path),
         strategies=("cheat:quiet",),
         seeds=1,
@@ -250,7 +261,7 @@ def test_an_isolated_campaign_makes_every_run_as_isolated_processes(tmp_path: Pa
     run_campaign(kept, CampaignOptions(jobs=1, folders=CodeFolders((tmp_path,))))
     (record,) = kept.records()
     assert record.result is not None and record.trace and record.time, record.failure
-    assert (record.result.isolation, record.result.places_done) == ("full", 0)
+    assert (record.result.isolation, record.result.task["places_done"]) == ("full", 0)
     assert isolation_sentences(kept) == [ISOLATED]
     untold = msgspec.structs.replace(record.result, isolation="credentials")
     write_json(kept.path(next(study.trials())), msgspec.structs.replace(record, result=untold))
@@ -267,7 +278,14 @@ def test_runs_that_fail_die_or_hang_are_kept_with_their_causes(tmp_path: Path) -
     strategies = ("fails:behaviour", "dies:behaviour", "hangs:behaviour", "none")
     folder = store.create_store(
         tmp_path / "out",
-        Study(name="s", scenario=own_scenario(tmp_path), strategies=strategies, seeds=1, settings=SHORT),
+        Study(
+            name="s",
+            task=CLEANING,
+            scenario=own_scenario(tmp_path),
+            strategies=strategies,
+            seeds=1,
+            settings=SHORT,
+        ),
     )
     began = time.monotonic()
     progress = run_campaign(folder, CampaignOptions(jobs=2, patience_s=9.0, folders=CodeFolders((tmp_path,))))

@@ -18,7 +18,7 @@ from acrc_testbed.experiments.evaluation import (
     too_few_sentences,
     verdict_sentence,
 )
-from acrc_testbed.experiments.metrics import BY_NAME, Run, find_metric
+from acrc_testbed.experiments.metrics import Run, find_metric
 from acrc_testbed.experiments.paired_tests import MIN_PAIRS, AssumedEffect
 from acrc_testbed.experiments.store import Store
 from acrc_testbed.experiments.study import Factor, Study
@@ -37,7 +37,18 @@ from acrc_testbed.experiments.verdicts import (
 )
 from acrc_testbed.results.result import RunResult
 from actors.runtime.errors import AcrcError
-from tests.experiments.made_runs import Outcome, judged, run, sample, study, trials, verdict_of
+from tests.experiments.made_runs import (
+    CLEANING,
+    METRICS,
+    Outcome,
+    judged,
+    run,
+    sample,
+    study,
+    trials,
+    varied,
+    verdict_of,
+)
 
 
 def test_more_places_are_better_whatever_the_time() -> None:
@@ -53,7 +64,9 @@ def test_more_places_are_better_whatever_the_time() -> None:
     never = [run(10, length=120.0) for _ in range(12)]
     found = verdict_of(never, never)
     assert found.deciding is None and not found.equivalent
-    assert verdict_sentence(found).endswith("Time cannot be compared: no run was done or given up by 120 s.")
+    assert verdict_sentence(found).endswith(
+        "Running time cannot be compared: no run was done or given up by 120 s."
+    )
 
 
 def test_time_decides_only_where_places_are_shown_to_be_equal() -> None:
@@ -62,19 +75,21 @@ def test_time_decides_only_where_places_are_shown_to_be_equal() -> None:
     said = verdict_sentence(verdict_of(fast, slow))
     assert said.startswith("one and other are equivalent in places done within 1 place: 40 versus 40")
     assert "for equivalence; 0 of 20 seeds differ by more (95 % upper bound of the share: 14 %). " in said
-    assert "Therefore time is compared: one is better than other in running time: 309.5 versus " in said
+    assert "Therefore running time is compared: one is better than other in running time: 309.5 versus " in said
     # places that vary and do not differ on average: neither different nor shown to be equal
     rng = np.random.default_rng(2)
     noisy = [
-        run(int(places), at.settled_s) for places, at in zip(rng.integers(20, 40, 20), fast, strict=True)
+        run(int(places), at.task["settled_s"])
+        for places, at in zip(rng.integers(20, 40, 20), fast, strict=True)
     ]
     others = [
-        run(int(places), at.settled_s) for places, at in zip(rng.integers(20, 40, 20), slow, strict=True)
+        run(int(places), at.task["settled_s"])
+        for places, at in zip(rng.integers(20, 40, 20), slow, strict=True)
     ]
     open_one = verdict_of(noisy, others)
     assert open_one.deciding is None
     assert verdict_sentence(open_one).endswith(
-        "Equivalence within 1 place is not shown, so time is not compared."
+        "Equivalence within 1 place is not shown, so running time is not compared."
     )
 
 
@@ -101,7 +116,7 @@ def test_a_test_that_cannot_decide_says_so_and_costs_the_others_nothing() -> Non
     alone = verdict_of(few, level).steps[0]
     assert (alone.test.differing, alone.tested, alone.adjusted) == (5, False, 1.0)
     assert "because only 5 of 20 pairs differ and a test needs 6: " in verdict_sentence(
-        verdict_of(few, level, study(margin_places=0.1))
+        verdict_of(few, level, study(margins={"places": 0.1}))
     )
     six = [run(21 if seed < 6 else 20) for seed in range(20)]
     (place, time) = verdict_of(six, level).steps
@@ -126,7 +141,7 @@ def test_holm_is_over_the_declared_tests_alone() -> None:
     ]
     assert family_sentences([], three) == []
     assert family_sentences(
-        [], Study(name="s", scenario="/s.toml", strategies=("a", "b", "c"), seeds=40)
+        [], Study(name="s", task=CLEANING, scenario="/s.toml", strategies=("a", "b", "c"), seeds=40)
     ) == ["No comparison was declared, so nothing is tested; all estimates are exploratory."]
 
 
@@ -136,7 +151,7 @@ def test_impossible_verdicts_are_reported_before_the_first_run() -> None:
     assert power_warnings(study(seeds=6)) == power_warnings(study(seeds=6, primary_metric="places")) == []
     assert power_warnings(study(seeds=6, factors=(Factor("robots.count", (4, 8)),))) == []
     assert power_warnings(study(seeds=3), stopping_rules(study(seeds=3)).least)[0].startswith(said.format(3))
-    undeclared = Study(name="s", scenario="/s.toml", strategies=("a", "b", "c"), seeds=40)
+    undeclared = Study(name="s", task=CLEANING, scenario="/s.toml", strategies=("a", "b", "c"), seeds=40)
     assert power_warnings(undeclared)[0].startswith(
         "No comparison is declared, so acrc compare will only estimate"
     )
@@ -155,7 +170,7 @@ def test_crashing_on_hard_seeds_improves_no_strategy(plain: RunResult) -> None:
     assert "15.5 versus 20, difference -4.5 places" in verdict_sentence(found)
     assert failure_sentences([*crashing, *steady], made) == [
         "one failed in 20 of 40 runs (seeds 1, 3, 5, 7, 9, 11, 13, 15, 17, 19, …); "
-        "each counts as a run with no places done, never settled"
+        "each counts as a run with 0 places, never done or given up"
     ]
     left_out = study(failed_runs="left out")
     (other_way,) = judged([*crashing, *steady], left_out)
@@ -166,12 +181,12 @@ def test_crashing_on_hard_seeds_improves_no_strategy(plain: RunResult) -> None:
 def test_the_lexicographic_order_takes_places_first_and_then_running_time(plain: RunResult) -> None:
     one = trials(plain, "one", lambda seed: (40, 590.0))
     other = trials(plain, "other", lambda seed: (39, 100.0) if seed % 2 else (40, 100.0))
-    (both,) = compare(samples([*one, *other]), [BY_NAME["lexicographic"]])
+    (both,) = compare(samples([*one, *other]), [METRICS["lexicographic"]])
     assert both.effect.value == pytest.approx(0.5)
     assert (both.better, both.worse, both.difference) == (10, 10, None)
     never = trials(plain, "never", lambda seed: (39, None))
     late = trials(plain, "late", lambda seed: (40, 599.0))
-    (time,) = compare(samples([*never, *late]), [BY_NAME["completion"]])
+    (time,) = compare(samples([*never, *late]), [METRICS["completion"]])
     assert (time.effect.value, time.ones, time.others) == (0.0, 600.0, 599.0), "not done counts as later"
 
 
@@ -182,7 +197,7 @@ Runs = st.tuples(st.integers(0, 40), st.none() | st.floats(1, 600))
 def test_below_the_least_pairs_no_verdict(pairs: list[tuple[Outcome, Outcome]], margin: float) -> None:
     ones, others = ([run(*pair[side]) for pair in pairs] for side in (0, 1))
     for metric in ("lexicographic", "places", "settled"):
-        made = study(primary_metric=metric, margin_places=margin, margin_s=margin)
+        made = study(primary_metric=metric, margins={"places": margin, "settled": margin})
         found = verdict_of(ones, others, made)
         assert not found.is_decided and not any(one.tested or one.differs for one in found.steps)
         assert not any(one.is_estimated for one in found.steps)
@@ -194,7 +209,7 @@ def test_an_own_result_is_compared_and_more_is_better() -> None:
     def runs(more: float) -> list[Run]:
         return [run(0, outcome={"turns": {"r1": seed + more}}) for seed in range(8)]
 
-    turns, other = find_metric("outcome.turns"), find_metric("outcome.other")
+    turns, other = (find_metric(f"outcome.{name}", METRICS) for name in ("turns", "other"))
     assert turns is not None and other is not None
     found = comparison_of(sample(runs(1.0), runs(0.0)), turns)
     assert found.difference is not None
@@ -205,7 +220,7 @@ def test_an_own_result_is_compared_and_more_is_better() -> None:
 
 def test_variants_are_compared_apart(plain: RunResult) -> None:
     few = [*trials(plain, "a", lambda seed: (1, 1.0), 5), *trials(plain, "b", lambda seed: (2, 1.0), 5)]
-    assert compare(samples(few)) == [] and too_few_sentences(samples(few))[0].startswith(
+    assert compare(samples(few), METRICS.values()) == [] and too_few_sentences(samples(few))[0].startswith(
         "a and b: 5 pairs of runs are"
     )
     records = [
@@ -214,7 +229,7 @@ def test_variants_are_compared_apart(plain: RunResult) -> None:
         for name in ("one", "other")
         for record in trials(plain, name, lambda seed: (40, float(seed)), 6)
     ]
-    made = compare(samples(records), [BY_NAME["places"]])
+    made = compare(samples(records), [METRICS["places"]])
     assert [one.variant for one in made] == [(("robots.count", 4),), (("robots.count", 8),)]
     first, _ = judged(records, study())
     assert "equivalent in places done with robots.count = 4 within 1 place: " in verdict_sentence(first)
@@ -222,7 +237,11 @@ def test_variants_are_compared_apart(plain: RunResult) -> None:
 
 ROOT = Path(__file__).parents[2]
 STUDY = Study(
-    name="s", scenario=str(ROOT / "scenarios" / "corridor.toml"), strategies=("none", "chapter"), seeds=60
+    name="s",
+    task=CLEANING,
+    scenario=str(ROOT / "scenarios" / "corridor.toml"),
+    strategies=("none", "chapter"),
+    seeds=60,
 )
 CAP = 60
 Floats = NDArray[np.float64]
@@ -232,7 +251,7 @@ def result_of(plain: RunResult, quality: float) -> RunResult:
     """Return a run of at most 40 places; better runs have more, and then are complete sooner."""
     places = min(40, round(36 + 2 * quality))
     completion = 500 - 50 * quality if places == 40 else None
-    return msgspec.structs.replace(
+    return varied(
         plain, places_total=40, places_done=places, completion_s=completion, settled_s=completion,
         simulated_s=600.0,
     )  # fmt: skip
@@ -402,16 +421,19 @@ def test_a_ceiling_is_pointed_out_with_a_harder_condition(plain: RunResult) -> N
         return [
             TrialRecord(
                 "a", seed, {},
-                msgspec.structs.replace(plain, completion_s=at, simulated_s=600.0, robots=robots),
+                varied(
+                    plain, places_done=39 + (at is not None), places_total=40, completion_s=at,
+                    settled_s=at, simulated_s=600.0, robots=robots,
+                ),
             )
             for seed, at in enumerate(times)
         ]  # fmt: skip
 
-    assert list(ceiling_sentences(made(4, 4))) == []
-    (said,) = ceiling_sentences(made(5, 4))
-    assert said.startswith("5 of 10 runs completed all places (ceiling effect).")
+    assert list(ceiling_sentences(made(4, 4), study())) == []
+    (said,) = ceiling_sentences(made(5, 4), study())
+    assert said.startswith("5 of 10 runs have the largest possible value of places done (ceiling effect).")
     assert said.endswith(" Use a harder condition, such as --robots 8 and --duration 320.")
-    assert "such as --duration 340" in next(iter(ceiling_sentences(made(10, 8))))
+    assert "such as --duration 340" in next(iter(ceiling_sentences(made(10, 8), study())))
 
 
 def test_the_last_look_without_failed_runs(tmp_path: Path, plain: RunResult) -> None:

@@ -52,7 +52,7 @@ def failures(task: tuple[int, int, float]) -> Failures:
         at_end=sum(one.at_end for one in spent.blockings),
         in_passages=sum(one.place != "open floor" for one in spent.blockings),
         deadlocks=spent.deadlocks.pairs,
-        places_left=result.places_total - (result.places_done or 0),
+        places_left=result.task["places_total"] - (result.task["places_done"] or 0),
         contacts=result.contacts or 0,
     )
 

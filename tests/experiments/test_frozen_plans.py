@@ -20,6 +20,7 @@ from acrc_testbed.experiments.trial_record import TrialRecord, write_json
 from acrc_testbed.results.result import RunResult
 from actors.installation import version
 from actors.runtime.errors import AcrcError
+from tests.experiments.made_runs import varied
 
 ROOT = Path(__file__).parents[2]
 COMMIT = "c0ffee" * 6 + "c0ff"
@@ -77,7 +78,7 @@ def over(kept: store.Store, plain: RunResult, seeds: int = 8, commit: str = COMM
         if trial.seed <= seeds:
             origin = msgspec.structs.replace(plain.origin, commit=commit)
             places = 3 * len(trial.strategy)
-            result = msgspec.structs.replace(plain, seed=trial.seed, places_done=places, origin=origin)
+            result = varied(plain, seed=trial.seed, places_done=places, origin=origin)
             write_json(kept.path(trial), TrialRecord(trial.strategy, trial.seed, {}, result))
 
 
@@ -100,7 +101,7 @@ def test_a_campaign_as_frozen(folder: Path, plain: RunResult, capsys: pytest.Cap
     path = frozen(folder)
     told = (
         f"commit {COMMIT}, SHA-256 {frozen_plan.read_plan(path).sha256}: chapter versus none by "
-        "lexicographic, margins of 1 in places and 10 s, 8 seeds, no interim looks."
+        "lexicographic, margins of 1 places in places done and 10 s in running time, 8 seeds, no interim looks."
     )
     assert f"Frozen {told}\nwritten to {path}; publish the hash " in capsys.readouterr().out
     kept, said = begun(folder)
@@ -134,14 +135,14 @@ def test_edits_are_deviations_from_the_plan(folder: Path) -> None:
     damage_map(folder)
     assert departures(folder) == ["the content of corridor.png was changed."]
     study = folder / "study.toml"
-    edited(study, "seeds = 8", "seeds = 7\nmargin_places = 2")
+    edited(study, "seeds = 8", "seeds = 7\nmargins = {places = 2}")
     edited(study, '[["chapter", "none"]]', '[["none", "chapter"]]')
     edited(study, "[set]\n", '[set]\nmap = "other.yaml"\n"places.preset" = "free"\n')
     shutil.rmtree(folder / "out")
     told = departures(folder)
     for one in (
         "seeds is 7, planned: 8.",
-        "margin_places is 2.0, planned: 1.0.",
+        'margins is {"places":2.0}, planned: {}.',
         "the comparison of none with chapter was not planned.",
         "the planned comparison of chapter with none is no longer declared.",
         "corridor.yaml is no longer an input file.",
@@ -225,7 +226,7 @@ def test_software_that_was_changed_is_not_frozen(folder: Path) -> None:
 
 def test_a_plan_that_was_tampered_with_is_refused(folder: Path) -> None:
     path = frozen(folder)
-    edited(path, '"margin_places": 1.0', '"margin_places": 9.0')
+    edited(path, '"margins": {}', '"margins": {"places": 9.0}')
     with pytest.raises(AcrcError, match="changed after it was frozen: sha256 is "):
         begun(folder)
 
@@ -235,9 +236,9 @@ def test_a_plan_with_a_recomputed_hash_is_another_plan(folder: Path, plain: RunR
     kept, _ = begun(folder)
     over(kept, plain)
     path.unlink()
-    edited(folder / "study.toml", "seeds = 8", "seeds = 8\nmargin_s = 30")
+    edited(folder / "study.toml", "seeds = 8", "seeds = 8\nmargins = {settled = 30}")
     frozen(folder)
-    edited(folder / "study.toml", "margin_s = 30", "")
+    edited(folder / "study.toml", "margins = {settled = 30}", "")
     with pytest.raises(AcrcError, match=r"began with the plan .*; use the same plan or a new folder"):
         begun(folder)
     kept.plan_file.write_bytes(path.read_bytes())

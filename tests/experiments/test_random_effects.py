@@ -13,6 +13,7 @@ from acrc_testbed.experiments.statistical_models import fit
 from acrc_testbed.experiments.study import Factor, Study
 from acrc_testbed.experiments.trial_record import TrialRecord
 from acrc_testbed.results.result import RunResult
+from tests.experiments.made_runs import CLEANING, varied
 
 Floats = NDArray[np.float64]
 
@@ -105,6 +106,7 @@ FLOORS = Factor(
 )
 STUDY = Study(
     name="s",
+    task=CLEANING,
     scenario="/s.toml",
     strategies=("a", "b"),
     seeds=1,
@@ -117,7 +119,7 @@ def campaign(plain: RunResult, study: Study = STUDY) -> list[TrialRecord]:
     return [
         TrialRecord(
             trial.strategy, trial.seed, dict(trial.variant),
-            msgspec.structs.replace(plain, places_done=30 + (trial.strategy == "a") * GAINS[floor, robots]),
+            varied(plain, places_done=30 + (trial.strategy == "a") * GAINS[floor, robots]),
         )
         for trial in study.trials()
         for floor, robots in [tuple(value for _, value in trial.variant)]
@@ -145,9 +147,7 @@ def test_a_singular_fit_is_reported(plain: RunResult) -> None:
     assert level.sign_changes == [] and overall_sentences(level)[-1].endswith("; there is no direction.")
     study = msgspec.structs.replace(STUDY, seeds=2)
     records = [
-        msgspec.structs.replace(
-            one, result=msgspec.structs.replace(plain, places_done=30 + one.seed * (one.strategy == "a"))
-        )
+        msgspec.structs.replace(one, result=varied(plain, places_done=30 + one.seed * (one.strategy == "a")))
         for one in campaign(plain, study)
     ]
     (found,) = overall_estimates(records, study)

@@ -12,7 +12,6 @@ from statsmodels.stats.multitest import multipletests
 from statsmodels.stats.weightstats import DescrStatsW, ttost_paired
 
 from acrc_testbed.experiments.comparison import comparison_of, scores
-from acrc_testbed.experiments.metrics import BY_NAME
 from acrc_testbed.experiments.paired_tests import (
     AssumedEffect,
     a12,
@@ -37,6 +36,7 @@ from acrc_testbed.experiments.statistical_models import (
 )
 from acrc_testbed.experiments.verdicts import verdicts
 from tests.experiments import campaign_rows
+from tests.experiments.made_runs import METRICS
 
 Floats = NDArray[np.float64]
 # Hamilton depression scale factors before and after tranquilizer: Hollander & Wolfe, "Nonparametric
@@ -204,7 +204,7 @@ def paired(place: int) -> tuple[pd.DataFrame, pd.DataFrame]:
 @pytest.mark.parametrize("place", range(4))
 def test_estimates_are_those_of_pandas_and_scipy(place: int) -> None:
     one, other = paired(place)
-    found = comparison_of(SAMPLES[place], BY_NAME["places"])
+    found = comparison_of(SAMPLES[place], METRICS["places"])
     assert found.difference is not None
     gains = one.places_done - other.places_done
     assert (found.ones, found.others) == pytest.approx((one.places_done.mean(), other.places_done.mean()))
@@ -215,7 +215,7 @@ def test_estimates_are_those_of_pandas_and_scipy(place: int) -> None:
     assert found.effect.value == pytest.approx(u / len(one) / len(other), abs=1e-14)
     columns = {"contacts": "contacts", "radio": "radio_bytes_per_robot_s", "driven": "driven_m"}
     for name, column in columns.items():
-        cost = comparison_of(SAMPLES[place], BY_NAME[name])
+        cost = comparison_of(SAMPLES[place], METRICS[name])
         assert cost.difference is not None
         assert cost.difference.value == pytest.approx((one[column] - other[column]).mean())
         assert cost.effect.value == pytest.approx(
@@ -236,7 +236,7 @@ def test_restricted_means_are_the_areas_under_lifelines_curves(strategy: str, pl
     area = restricted_mean_survival_time(curve, t=until)
     assert restricted_mean(runs, until).value == pytest.approx(area)
     sample = next(one for one in SAMPLES if one.variant[0][1] == places and strategy in one[:2])
-    found = comparison_of(sample, BY_NAME["settled"])
+    found = comparison_of(sample, METRICS["settled"])
     assert (found.ones if sample.one == strategy else found.others) == pytest.approx(area)
 
 

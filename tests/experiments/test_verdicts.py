@@ -8,7 +8,7 @@ from numpy.random import Generator
 from scipy.stats import norm
 
 from acrc_testbed.experiments.comparison import PairedSample, scores
-from acrc_testbed.experiments.metrics import PLACES, Run
+from acrc_testbed.experiments.metrics import Run
 from acrc_testbed.experiments.paired_tests import ALPHA, AssumedEffect, a12, a12_bounds, power
 from acrc_testbed.experiments.study import Study
 from acrc_testbed.experiments.verdicts import (
@@ -21,6 +21,7 @@ from acrc_testbed.experiments.verdicts import (
 )
 from acrc_testbed.experiments.verdicts import family_size as number_of_tests
 from tests.experiments import campaign_rows
+from tests.experiments.made_runs import CLEANING, METRICS
 from tests.experiments.made_runs import run as made
 
 pytestmark = pytest.mark.claim("verdicts")
@@ -112,14 +113,19 @@ def normal_sample(share: float, pairs: int, rng: Generator) -> PairedSample:
 
 def more_places(found: Sequence[PairVerdict]) -> bool:
     deciding = found[0].deciding
-    return deciding is not None and (deciding.metric, deciding.test.direction) == (PLACES.name, 1)
+    return deciding is not None and (deciding.metric, deciding.test.direction) == ("places", 1)
 
 
 @pytest.mark.parametrize("share", [0.6, 0.71, 0.8])
 def test_power_for_normal_effects(share: float, full: bool, record_property: Record) -> None:
     campaigns, rng = 300 if full else 40, np.random.default_rng(2)
     study = Study(
-        name="normal", scenario="", strategies=("one", "other"), seeds=CAP, primary=(("one", "other"),)
+        name="normal",
+        task=CLEANING,
+        scenario="",
+        strategies=("one", "other"),
+        seeds=CAP,
+        primary=(("one", "other"),),
     )
     for pairs in (10, 20, 40):
         drawn = ([normal_sample(share, pairs, rng)] for _ in range(campaigns))
@@ -167,7 +173,7 @@ def test_intervals_of_a12_cover_the_truth_of_real_runs(full: bool, record_proper
     draws, rng = 4000 if full else 1000, np.random.default_rng(5)
     covered = {}
     for place, sample in enumerate(REAL):
-        ones, others, *_ = scores(PLACES, sample.pairs)
+        ones, others, *_ = scores(METRICS["places"], sample.pairs)
         share = a12(ones, others)
         for pairs in PAIRS:
             chosen = rng.integers(ones.size, size=(draws, pairs))

@@ -19,6 +19,7 @@ from acrc_testbed.explanation.time_spent import (
     TimeSpent,
 )
 from acrc_testbed.results.result import RobotResult, RunResult
+from tests.experiments.made_runs import varied
 
 LENGTH = 600.0
 Drawn = Callable[[Trial, np.random.Generator], tuple[int, float | None]]
@@ -60,7 +61,7 @@ def _result(
         for robot, done in enumerate(parts)
     }  # fmt: skip
     frames = plain.frames | {"frames_sent": 6000, "bytes_sent": int(rng.normal(340_000, 9_000))}
-    return msgspec.structs.replace(
+    return varied(
         plain, digest=f"{trial.name:0<64}"[:64], robots=4, seed=trial.seed, simulated_s=LENGTH,
         places_total=40, places_done=places, places_claimed=places, completion_s=completion,
         settled_s=completion, per_robot=robots, frames=frames,

@@ -1,5 +1,6 @@
 """Bundles: whole, the same bytes each time, and their runs can be made again."""
 
+import json
 import os
 import subprocess
 import sys
@@ -20,11 +21,12 @@ from actors.runtime.errors import AcrcError
 from deploy.run import swarm
 from deploy.run.options import RunOptions
 from deploy.scenario.scenario_file import Overrides, load_scenario
+from tests.experiments.made_runs import CLEANING
 
 ROOT = Path(__file__).parents[3]
 CORRIDOR = ROOT / "scenarios" / "corridor.toml"
 STUDY = Study(
-    name="tiny", scenario=str(CORRIDOR), strategies=("none",), seeds=2,
+    name="tiny", task=CLEANING, scenario=str(CORRIDOR), strategies=("none",), seeds=2,
     settings=(("robots.count", 1), ("run.duration", 1.0)),
 )  # fmt: skip
 
@@ -96,14 +98,16 @@ def test_its_runs_are_made_again_with_the_same_digests(unpacked: Path, tmp_path:
     last = told.stdout.splitlines()[-1]
     assert last == "1 of 1 repeated runs are identical; the results have 2 runs"
     (path,) = (unpacked / "reproduced" / "trials").iterdir()
+    before = json.loads(path.read_text())["result"]["task"]
     path.write_text(path.read_text().replace('"places_done":', '"places_done":1'))
+    after = json.loads(path.read_text())["result"]["task"]
     changed = subprocess.run(
         [sys.executable, "check_digests.py", "results", "reproduced"], cwd=unpacked,
         capture_output=True, text=True, check=False,
     )  # fmt: skip
     assert changed.returncode == 1
     assert changed.stdout.startswith(
-        f"{path.name}: places_done was 0, is 10\n0 of 1 repeated runs are identical"
+        f"{path.name}: task was {before}, is {after}\n0 of 1 repeated runs are identical"
     )
 
 
@@ -125,7 +129,11 @@ def test_a_strategy_of_one_s_own_is_an_input(tmp_path: Path) -> None:
     (tmp_path / "s.toml").write_text(CORRIDOR.read_text().replace("../maps/", ""))
     (tmp_path / "mine.py").write_text("def behaviour(start): ...\n")
     study = Study(
-        name="own", scenario=str(tmp_path / "s.toml"), strategies=("none", "mine:behaviour"), seeds=1
+        name="own",
+        task=CLEANING,
+        scenario=str(tmp_path / "s.toml"),
+        strategies=("none", "mine:behaviour"),
+        seeds=1,
     )
     assert sorted(study_inputs(study).files) == ["corridor.png", "corridor.yaml", "mine.py", "s.toml"]
     elsewhere = msgspec.structs.replace(study, strategies=("nowhere_at_all:behaviour",))

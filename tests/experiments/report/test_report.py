@@ -22,11 +22,12 @@ from acrc_testbed.experiments.trial_record import TrialRecord
 from acrc_testbed.results.result import RobotResult, RunResult, field_trial_struct
 from actors.runtime.errors import AcrcError
 from tests.experiments import made_runs
+from tests.experiments.made_runs import CLEANING
 from tests.experiments.report.made_up import LENGTH, campaign
 
 EVIL = "<img src=http://evil.example/x onerror=alert(1)> $\\frac{1}{"
 STUDY = Study(
-    name="five & <b>six</b>", scenario="/nowhere/chapter.toml", strategies=("none", "oracle", "a$b_{<i>"),
+    name="five & <b>six</b>", task=CLEANING, scenario="/nowhere/chapter.toml", strategies=("none", "oracle", "a$b_{<i>"),
     seeds=7, primary=(("none", "oracle"),),
 )  # fmt: skip
 
@@ -75,7 +76,7 @@ def test_boxes_are_those_of_the_runs(written: Path, records: dict[str, list[Tria
     table = rows(written, "places")
     assert [row["strategy"] for row in table] == list(records)
     for row in table:
-        places = sorted(float(run.places_done or 0) for run in results(records[row["strategy"]]))
+        places = sorted(float(run.task["places_done"] or 0) for run in results(records[row["strategy"]]))
         assert int(row["runs"]) == len(places)
         assert (float(row["minimum"]), float(row["maximum"])) == (places[0], places[-1])
         assert float(row["median"]) == pytest.approx(np.quantile(places, 0.5))
@@ -96,14 +97,16 @@ def test_whiskers_end_outside_the_box() -> None:
 def test_completion_counts_every_run(written: Path, records: dict[str, list[TrialRecord]]) -> None:
     for row in rows(written, "completion"):
         runs = results(records[row["strategy"]])
-        done = sum(run.completion_s is not None for run in runs)
+        done = sum(run.task["completion_s"] is not None for run in runs)
         assert (int(row["runs"]), int(row["complete"])) == (len(runs), done)
         n = len(runs)
         bounds = proportion_confint(done, n, method="wilson")
         found = float(row["share complete, low"]), float(row["share complete, high"])
         assert found == pytest.approx(bounds, abs=1e-9)
         # without censoring before the end the area is the mean of what is capped
-        mean = sum(LENGTH if run.completion_s is None else run.completion_s for run in runs) / n
+        mean = (
+            sum(LENGTH if run.task["completion_s"] is None else run.task["completion_s"] for run in runs) / n
+        )
         assert float(row["restricted mean, s"]) == pytest.approx(mean)
         assert float(row["restricted mean, s, low"]) <= mean <= float(row["restricted mean, s, high"])
 
@@ -242,7 +245,9 @@ def test_caveats_are_on_the_page(written: Path) -> None:
 def test_caveats_about_runs_and_seeds(plain: RunResult, tmp_path: Path) -> None:
     lie = "r1: what it says of its node cannot be, and is not counted: 9 packets heard; the radio counted 1"
     lied = msgspec.structs.replace(plain, refused_reports=(lie,))
-    study = Study(name="few", scenario="/s.toml", strategies=("none", "chapter"), seeds=2, tuning=True)
+    study = Study(
+        name="few", task=CLEANING, scenario="/s.toml", strategies=("none", "chapter"), seeds=2, tuning=True
+    )
     campaign(tmp_path / "few", lied, study, drawn)
     trial = next(iter(study.trials()))
 
@@ -262,7 +267,7 @@ def test_a_campaign_that_only_failed_has_a_page_without_pictures(plain: RunResul
     campaign(
         tmp_path / "all",
         plain,
-        Study(name="all", scenario="/s.toml", strategies=("none",), seeds=3),
+        Study(name="all", task=CLEANING, scenario="/s.toml", strategies=("none",), seeds=3),
         drawn,
         fails=lambda trial: "it rained",
     )
@@ -315,6 +320,7 @@ def test_a_report_on_real_robots_and_a_run(plain: RunResult, tmp_path: Path) -> 
 def test_variants_are_conditions_and_so_are_campaigns(plain: RunResult, tmp_path: Path) -> None:
     study = Study(
         name="chapter",
+        task=CLEANING,
         scenario="/s.toml",
         strategies=("none",),
         seeds=1,
@@ -324,7 +330,7 @@ def test_variants_are_conditions_and_so_are_campaigns(plain: RunResult, tmp_path
     other = campaign(
         tmp_path / "x" / "one",
         plain,
-        Study(name="chapter", scenario="/s.toml", strategies=("none",), seeds=1),
+        Study(name="chapter", task=CLEANING, scenario="/s.toml", strategies=("none",), seeds=1),
         thirty,
     )
     assert read_sources([one])[0].conditions == ("robots.count = 4", "robots.count = 8")
