@@ -227,7 +227,7 @@ def failure_sentences(records: Sequence[TrialRecord], study: Study) -> list[str]
     metrics = study.metrics().values()
     decisive = [one for one in metrics if one.rank is not None or one.column.startswith(OWN)]
     worst = (
-        f"never {one.event}" if one.worst is None else f"{one.worst:g} {one.unit or one.name}"
+        f"never {one.event}" if one.worst is None else f"{one.name} = {one.worst:g}"
         for one in decisive
         if one.event or one.worst is not None
     )
@@ -315,12 +315,14 @@ def verdict_sentence(one: PairVerdict) -> str:
         after = one.steps[index + 1 :]
         if after and not step.equivalent:
             margin = "" if step.margin is None else f" within {_amount_text(step.margin, step)}"
-            sentences.append(f"Equivalence{margin} is not shown, so {after[0].says} is not compared.")
+            sentences.append(
+                f"Equivalence{margin} is not shown, so they are not compared in {after[0].says}."
+            )
             break
         if after and not after[0].happened:
-            sentences.append(f"{after[0].says.capitalize()} cannot be compared: {_unknown_reason(after[0])}.")
+            sentences.append(f"They cannot be compared in {after[0].says}: {_unknown_reason(after[0])}.")
             break
-        sentences += [f"Therefore {two.says} is compared:" for two in after[:1]]
+        sentences += [f"Therefore they are compared in {step.says}:" for step in after[:1]]
     return " ".join(sentences)
 
 

@@ -30,7 +30,11 @@ def over(folder: Path, plain: RunResult, *, digest: str) -> list[str]:
     for trial in kept.study.trials():
         places = 40 if trial.strategy == "chapter" else 20 + trial.seed
         result = varied(
-            plain, places_done=places, completion_s=400.0 if places == 40 else None, simulated_s=600.0
+            plain,
+            places_done=places,
+            places_total=40,
+            completion_s=400.0 if places == 40 else None,
+            simulated_s=600.0,
         )
         write_json(kept.path(trial), TrialRecord(trial.strategy, trial.seed, {}, result))
     first = next(kept.study.trials())
@@ -86,7 +90,7 @@ def test_until_decided_starts_no_further_run(plain: RunResult, tmp_path: Path) -
     for trial in study.trials():
         if trial.seed <= 30:
             places = 40 if trial.strategy == "chapter" else 20
-            result = varied(plain, places_done=places, completion_s=None)
+            result = varied(plain, places_done=places, places_total=40, completion_s=None)
             write_json(kept.path(trial), TrialRecord(trial.strategy, trial.seed, {}, result))
     words = ["campaign", "--seeds", "60", "--until-decided", "--check-every", "0", "--out", str(kept.folder)]
     code, out, err = acrc(*words)
@@ -110,7 +114,7 @@ def test_failed_runs_and_too_few_seeds_are_reported_first(plain: RunResult, tmp_
     too_few = "3 pairs of runs are too few: the exact test needs at least 6 to reach p < 5 %"
     assert too_few in err
     _, out, _ = acrc("compare", str(kept.folder))
-    assert out.startswith("chapter failed in 1 of 3 runs (seed 2); each counts as a run with 0 places")
+    assert out.startswith("chapter failed in 1 of 3 runs (seed 2); each counts as a run with places = 0")
     for option in ("--comparisons", "--a12"):
         code, _, err = acrc("study", "plan", "--pilot", str(kept.folder), option, "1")
         assert code == 2 and err.startswith(f"acrc: {option}: cannot be combined with --pilot")

@@ -65,7 +65,7 @@ def test_more_places_are_better_whatever_the_time() -> None:
     found = verdict_of(never, never)
     assert found.deciding is None and not found.equivalent
     assert verdict_sentence(found).endswith(
-        "Running time cannot be compared: no run was done or given up by 120 s."
+        "They cannot be compared in running time: no run was done or given up by 120 s."
     )
 
 
@@ -75,7 +75,10 @@ def test_time_decides_only_where_places_are_shown_to_be_equal() -> None:
     said = verdict_sentence(verdict_of(fast, slow))
     assert said.startswith("one and other are equivalent in places done within 1 place: 40 versus 40")
     assert "for equivalence; 0 of 20 seeds differ by more (95 % upper bound of the share: 14 %). " in said
-    assert "Therefore running time is compared: one is better than other in running time: 309.5 versus " in said
+    assert (
+        "Therefore they are compared in running time: one is better than other in running time: 309.5 versus "
+        in said
+    )
     # places that vary and do not differ on average: neither different nor shown to be equal
     rng = np.random.default_rng(2)
     noisy = [
@@ -89,7 +92,7 @@ def test_time_decides_only_where_places_are_shown_to_be_equal() -> None:
     open_one = verdict_of(noisy, others)
     assert open_one.deciding is None
     assert verdict_sentence(open_one).endswith(
-        "Equivalence within 1 place is not shown, so running time is not compared."
+        "Equivalence within 1 place is not shown, so they are not compared in running time."
     )
 
 
@@ -170,7 +173,7 @@ def test_crashing_on_hard_seeds_improves_no_strategy(plain: RunResult) -> None:
     assert "15.5 versus 20, difference -4.5 places" in verdict_sentence(found)
     assert failure_sentences([*crashing, *steady], made) == [
         "one failed in 20 of 40 runs (seeds 1, 3, 5, 7, 9, 11, 13, 15, 17, 19, …); "
-        "each counts as a run with 0 places, never done or given up"
+        "each counts as a run with places = 0, never done or given up"
     ]
     left_out = study(failed_runs="left out")
     (other_way,) = judged([*crashing, *steady], left_out)

@@ -101,7 +101,8 @@ def test_a_campaign_as_frozen(folder: Path, plain: RunResult, capsys: pytest.Cap
     path = frozen(folder)
     told = (
         f"commit {COMMIT}, SHA-256 {frozen_plan.read_plan(path).sha256}: chapter versus none by "
-        "lexicographic, margins of 1 places in places done and 10 s in running time, 8 seeds, no interim looks."
+        "lexicographic, margins of 1 places in places done and 10 s in running time, 8 seeds, no interim "
+        "looks."
     )
     assert f"Frozen {told}\nwritten to {path}; publish the hash " in capsys.readouterr().out
     kept, said = begun(folder)

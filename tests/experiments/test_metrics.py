@@ -211,7 +211,8 @@ def test_failed_metrics_are_told_with_study_metric_and_trial(plain: RunResult) -
     ]
     failed = [TrialRecord("one", 1, {}, failure="it rained")]
     assert (
-        "counts as a run with 0 places, never done or given up, 1 idle" in failure_sentences(failed, made)[0]
+        "counts as a run with places = 0, never done or given up, idle = 1"
+        in failure_sentences(failed, made)[0]
     )
 
 

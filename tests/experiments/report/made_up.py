@@ -54,8 +54,10 @@ def _result(
     parts = np.minimum([places // 4 + (robot < places % 4) for robot in range(4)], 10)
     robots = {
         f"r{robot + 1}": RobotResult(
-            10, int(done), int(done), 0,
-            None if done < 10 else float(rng.uniform(0.5, 1.0)) * (completion or LENGTH),
+            {
+                "places_total": 10, "places_done": int(done), "places_claimed": int(done),
+                "completion_s": None if done < 10 else float(rng.uniform(0.5, 1.0)) * (completion or LENGTH),
+            },
             plain.per_robot["r1"].pose_error,
         )
         for robot, done in enumerate(parts)

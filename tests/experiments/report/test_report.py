@@ -27,8 +27,8 @@ from tests.experiments.report.made_up import LENGTH, campaign
 
 EVIL = "<img src=http://evil.example/x onerror=alert(1)> $\\frac{1}{"
 STUDY = Study(
-    name="five & <b>six</b>", task=CLEANING, scenario="/nowhere/chapter.toml", strategies=("none", "oracle", "a$b_{<i>"),
-    seeds=7, primary=(("none", "oracle"),),
+    name="five & <b>six</b>", task=CLEANING, scenario="/nowhere/chapter.toml",
+    strategies=("none", "oracle", "a$b_{<i>"), seeds=7, primary=(("none", "oracle"),),
 )  # fmt: skip
 
 
@@ -98,10 +98,10 @@ def test_completion_counts_every_run(written: Path, records: dict[str, list[Tria
     for row in rows(written, "completion"):
         runs = results(records[row["strategy"]])
         done = sum(run.task["completion_s"] is not None for run in runs)
-        assert (int(row["runs"]), int(row["complete"])) == (len(runs), done)
+        assert (int(row["runs"]), int(row["done"])) == (len(runs), done)
         n = len(runs)
         bounds = proportion_confint(done, n, method="wilson")
-        found = float(row["share complete, low"]), float(row["share complete, high"])
+        found = float(row["share done, low"]), float(row["share done, high"])
         assert found == pytest.approx(bounds, abs=1e-9)
         # without censoring before the end the area is the mean of what is capped
         mean = (
@@ -162,13 +162,13 @@ def test_every_run_stands_in_the_table_of_runs_failures_too(written: Path) -> No
 def test_every_picture_has_numbers_words_and_files(folder: Path, tmp_path: Path) -> None:
     page = report_page.compose(read_sources([folder]), tmp_path)
     pictured = [one for one in page.sections if one.picture is not None]
-    assert len(pictured) == 7
+    assert len(pictured) == 8
     for one in pictured:
         assert one.picture is not None and one.tables and one.tables[0].rows
         assert len(one.picture.alt) > 60
     for suffix, begin in (("png", b"\x89PNG"), ("svg", b"<?xml")):
         files = list(tmp_path.glob(f"*.{suffix}"))
-        assert len(files) == 7 and all(one.read_bytes().startswith(begin) for one in files)
+        assert len(files) == 8 and all(one.read_bytes().startswith(begin) for one in files)
 
 
 class Reader(HTMLParser):
@@ -235,9 +235,9 @@ def test_caveats_are_on_the_page(written: Path) -> None:
     for told in (
         "five: 1 of 21 runs failed and are not in the pictures",
         "oracle uses information that robots do not have; it is an upper bound",
-        "of the runs completed all places: ",
+        "of the runs have the largest possible value of places done: ",
         "Mean number of deadlocked pairs per run: none ",
-        "Without a complete run: none. Their restricted mean",
+        "Without a run that was done: none. Their restricted mean",
     ):
         assert told in page
 
@@ -279,14 +279,14 @@ def test_a_campaign_that_only_failed_has_a_page_without_pictures(plain: RunResul
 def field_trial(plain: RunResult) -> RunResult:
     frames = {"frames_handed": 9, "frames_sent": 8, "copies_heard": 20, "bytes_sent": 400}
     robot = field_trial_struct(
-        RobotResult, places_total=10, places_done=None, places_claimed=7, places_given_up=0,
-        completion_s=None, reports=7, gave_up=0, frames=frames, lateness_p50_ms=None, lateness_p99_ms=None,
-        overruns=None, clock=(), recordings=(),
+        RobotResult,
+        task={"places_total": 10, "places_done": None, "places_claimed": 7, "completion_s": None},
+        reports=7, gave_up=0, frames=frames, lateness_p50_ms=None, lateness_p99_ms=None, overruns=None, clock=(), recordings=(),
     )  # fmt: skip
     return field_trial_struct(
         RunResult,
-        robots=1, duration_s=300.0, places_total=10, places_done=None, places_claimed=7, places_given_up=0,
-        places_lost=0, completion_s=None, settled_s=None, last_reached_s=250.0, per_robot={"r1": robot},
+        robots=1, duration_s=300.0, declaration=plain.declaration, task_summary="reported 7 of 10 places",
+        task=robot.task | {"settled_s": None}, per_robot={"r1": robot},
         contacts=None, frames=frames, radio_bytes_per_robot_s=1.333, deeco=plain.deeco, reference="r1",
         notes=("r2: no frame connects its clock",), out=None,
     )  # fmt: skip
@@ -313,7 +313,7 @@ def test_a_report_on_real_robots_and_a_run(plain: RunResult, tmp_path: Path) -> 
     assert "Real robots have no ground truth: places are as reported" in page
     assert "friday: r2: no frame connects its clock." in page
     assert "2 of the folders contain a single run each" in page
-    assert "Places of real robots are as reported" in page
+    assert "Values of real robots are as reported" in page
     assert "Nothing was compared." in page
 
 
