@@ -61,7 +61,7 @@ def test_a_process_recording_names_the_fields_of_its_messages(recorded_run: Path
     assert (schema.name, schema.encoding) == ("Drive", "acrc-fields")
     fields = json.loads(schema.data)
     assert list(fields) == ["Drive", "ItemGivenUp", "ItemKey"]
-    assert fields["Drive"][:4] == ["step", "vx", "vy", "omega"] and fields["PlaceKey"] == ["owner", "place"]
+    assert fields["Drive"][:4] == ["step", "vx", "vy", "omega"] and fields["ItemKey"] == ["owner", "number"]
     assert len(summary.schemas) < 10, "one for each type"
 
 
