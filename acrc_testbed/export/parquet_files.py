@@ -9,6 +9,7 @@ import pyarrow
 from pyarrow import parquet
 
 from acrc_testbed.export.table_rows import Row, RunTables, items_name
+from acrc_testbed.run_model.data import RunDataError
 from actors.runtime import regular_file
 from actors.task.task import TaskDeclaration
 
@@ -216,7 +217,7 @@ def write(run: RunTables, folder: Path) -> list[tuple[Path, int]]:
     """Write each table to `NAME.parquet`, and return paths and numbers of rows.
 
     Existing files are replaced, or removed if the run lacks the table. Each column has its meaning as
-    metadata `meaning`. Raises OSError.
+    metadata `meaning`. Raises OSError, and RunDataError for a value of another type than the task declares.
     """
     folder.mkdir(parents=True, exist_ok=True)
     for name in missing_tables(run):
@@ -249,5 +250,12 @@ def _arrow_table(table: ExportTable, rows: Sequence[Row]) -> Any:
         pyarrow.field(one.name, _TYPES[one.kind], metadata={"meaning": one.meaning}) for one in table.columns
     ]
     columns = zip(*rows, strict=True) if rows else ((),) * len(fields)
-    arrays = [pyarrow.array(column, field.type) for column, field in zip(columns, fields, strict=True)]
+    arrays = [_array(table.name, column, field) for column, field in zip(columns, fields, strict=True)]
     return pyarrow.table(arrays, schema=pyarrow.schema(fields, metadata={"row": table.row}))
+
+
+def _array(table: str, values: Row, field: Any) -> Any:
+    try:
+        return pyarrow.array(values, field.type)
+    except (pyarrow.ArrowException, OverflowError) as error:
+        raise RunDataError(f"table {table}: {field.name} is not of type {field.type}: {error}") from None
