@@ -39,17 +39,20 @@ def collect(
     ],
     out: Annotated[
         Path | None,
-        option("DIR", "Write run.json and places.csv to this new folder.  [default: print only]"),
+        option("DIR", "Write run.json and the table of items to this new folder.  [default: print only]"),
     ] = None,
     truth: Annotated[
         Path | None, option("FILE", "Read ground truth from this file of the device emulation.")
     ] = None,
+    modules: Modules = None,
     json: Json = False,
 ) -> None:
     """Collect recordings of a field trial and align their clocks."""
     from acrc_testbed.results.summary import print_result
+    from actors.robot.behaviour.code_permit import permit_of
     from deploy.fleet import collect as recordings
 
+    permit_of(modules)
     print_result(recordings.collect(folders, out, truth), json=json)
 
 
@@ -59,10 +62,13 @@ def watch(
     view: Annotated[
         Path | None, option("FLEET.toml", "Show robots in the viewer, on the fleet's map.")
     ] = None,
+    modules: Modules = None,
 ) -> None:
     """Watch robots from a laptop until Ctrl-C."""
+    from actors.robot.behaviour.code_permit import permit_of
     from deploy.fleet import operator_station
 
+    permit_of(modules)
     with contextlib.suppress(Interruption):
         if view is None:
             operator_station.watch(endpoints, keys)
@@ -155,8 +161,8 @@ def onboard(
     from deploy.run import out_folder
 
     console = create_console(stderr=True)
-    loaded = load_fleet(fleet)
     named = permit_of(modules).modules
+    loaded = load_fleet(fleet)
     folder = out_folder.checked_path(out, mesh=True) if out else onboard_run.new_folder(Path("runs"))
     options = onboard_run.OnboardOptions(folder, isolate, debugpy, at, named)
     with out_folder.remove_if_empty(folder):
@@ -185,12 +191,12 @@ def bundle(
     from deploy.fleet import robot_bundle
     from deploy.fleet.fleet_file import load_fleet
 
-    root = clone("fleet bundle")
+    root, permit = clone("fleet bundle"), permit_of(modules)
     archive = robot_bundle.write_bundle(
         root,
         load_fleet(fleet),
         robot,
-        permit_of(modules),
+        permit,
         machine=machine,
         python=python,
         out=out or Path(f"acrc-{robot}.tar"),
@@ -230,7 +236,7 @@ def units(
     from deploy.fleet.fleet_file import load_fleet
     from deploy.fleet.units import usb_ports
 
-    root = clone("fleet units")
+    root, permit = clone("fleet units"), permit_of(modules)
     loaded = load_fleet(fleet)
     identity = loaded.robot_named(robot)
     files = unit_files.write_units(
@@ -240,7 +246,7 @@ def units(
         program=root / "acrc",
         user=user or unit_files.default_user(root),
         plugged=usb_ports(),
-        modules=permit_of(modules).modules,
+        modules=permit.modules,
     )
     service, rules = files.service_file, files.rules_file
     answer(
@@ -274,6 +280,7 @@ def keys(
         list[str] | None,
         option("ID", "Replace all keys after this robot (or the operator) lost its own. Repeatable."),
     ] = None,
+    modules: Modules = None,
     json: Json = False,
 ) -> None:
     """Create the keys of a fleet.
@@ -282,9 +289,11 @@ def keys(
     laptop can then watch and stop robots. A robot's certificate is valid for its id, its id with .local, its
     listening address, and the hosts of --host.
     """
+    from actors.robot.behaviour.code_permit import permit_of
     from deploy.fleet import keys as fleet_keys
     from deploy.fleet.fleet_file import load_fleet
 
+    permit_of(modules)
     loaded = load_fleet(fleet)
     hosts = fleet_keys.parse_hosts(host or [], loaded)
     folder, now = (out or Path(loaded.keys)).absolute(), datetime.now(UTC)

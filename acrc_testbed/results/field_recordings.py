@@ -45,6 +45,7 @@ from actors.runtime.recording import (
 )
 from actors.runtime.replay_bus import topic_of
 from actors.task.loading import DEFAULT
+from actors.task.task import TaskDeclaration
 from actors.topic import Message, Topic
 from firmware_bridge.onboard.base_core import BaseReport
 
@@ -232,6 +233,7 @@ class RecordedTask(msgspec.Struct, frozen=True):
     use: str = DEFAULT
     """Name, or entry `module:Class`."""
     settings: dict[str, Any] = {}
+    declaration: TaskDeclaration | None = None
 
 
 UNNAMED_TASK: Final = RecordedTask()

@@ -65,7 +65,10 @@ def judge_reports(
     truth of another field trial.
     """
     task, setup = load_task(trial.task.use), task_setup(trial.task.use, trial.task.settings)
-    items = {robot: _items(task, logs[0]) for robot, logs in trial.logs.items()}
+    items = {
+        robot: decode_items(task, logs[0].identity.items, f"{logs[0].path}: items")
+        for robot, logs in trial.logs.items()
+    }
     judge = task.judge(
         JudgeSetup(
             robots=tuple(items),
@@ -95,11 +98,14 @@ def judge_reports(
     return TrialJudgement(setup.declaration, outcome, tuple(changes), tuple(notes))
 
 
-def _items(task: Task, log: RobotLog) -> tuple[Any, ...]:
+def judge_if_loadable(trial: FieldTrial, clocks: AlignedClocks) -> TrialJudgement:
+    """Return the judgement; if the task cannot be loaded, its recorded declaration and a note."""
     try:
-        return decode_items(task, log.identity.items)
+        return judge_reports(trial, clocks)
     except TaskError as error:
-        raise FieldTrialError(f"{log.path}: the robot has {error}") from None
+        if trial.task.declaration is None:
+            raise
+        return TrialJudgement(trial.task.declaration, TaskOutcome("", {}, {}), (), (str(error),))
 
 
 def _parts(trial: FieldTrial, clocks: AlignedClocks, task: Task, faults: list[str]) -> Iterator[_TimedPart]:

@@ -13,7 +13,7 @@ from acrc_testbed.recordings.run_recordings import read_run_note, recordings
 from acrc_testbed.recordings.topics import recorded_span
 from acrc_testbed.results.clocks import AlignedClocks
 from acrc_testbed.results.field_recordings import FieldTrial, Moment, RobotLog, read_field_trial
-from acrc_testbed.results.trial_judgement import judge_reports
+from acrc_testbed.results.trial_judgement import judge_if_loadable
 from acrc_testbed.run_model.data import RunData, RunDescription
 from acrc_testbed.run_model.model import RunModel, convert_instants
 from acrc_testbed.run_model.robot_introspection import Floats, RecordedProcess, RobotInternals, process_model
@@ -53,7 +53,7 @@ def collected_run(out: Path, *, internals: bool = False) -> RunData:
     clocks = AlignedClocks(trial)
     times = {id(log): _TrialClock(log, clocks) for log in trial.all_logs()}
     grid, missing = _trial_map(trial)
-    judgement = judge_reports(trial, clocks)
+    judgement = judge_if_loadable(trial, clocks)
     model = RunModel(
         RunDescription(
             out=out,

@@ -23,7 +23,6 @@ from actors.runtime.errors import AcrcError
 from actors.runtime.process_setup import resolve_model
 from actors.settings import ParameterError, Settings, Text
 from actors.task.loading import decode_items, load_task, task_entry, task_setup
-from actors.task.task import TaskError
 from actors.world.world_setup import BodySetup, WorldSetup
 from cleaning.strategies import entry
 from deploy.scenario.resolve import Swarm
@@ -227,10 +226,7 @@ def _task_fault(file: _FleetFile, content: Mapping[str, Any]) -> str | None:
         key = f"robot[{index}].{file.table}"
         if task.declaration.lists_items and file.table not in content["robot"][index]:
             return f"{key} is missing, but must be a list of {task.declaration.items}"
-        try:
-            decode_items(task, robot.items)
-        except TaskError as error:
-            return f"{key} has {error}"
+        decode_items(task, robot.items, key)
     return None
 
 

@@ -81,7 +81,7 @@ def _moved(message: Message, own: Clock, bridge: Clock, late: Callable[[], int])
         case Drive():
             return replace(
                 message,
-                reports=tuple([owner, number, own(instant)] for owner, number, instant in message.reports),
+                reports=tuple([*one[:-1], own(one[-1])] for one in message.reports),
                 given_up=tuple(replace(one, instant=own(one.instant)) for one in message.given_up),
             )
         case Transmit():

@@ -204,7 +204,7 @@ def test_the_command_prints_a_table_or_json(head_on: Run, tmp_path: Path) -> Non
     assert lines[-1] == f"Result: {tmp_path / 'out'}"
     cells = [[cell.strip() for cell in line.strip("│ ").split("│")] for line in lines if "│" in line]
     counted = [str(frames["frames_sent"]), str(frames["copies_heard"])]
-    assert cells[2] == ["all", "6 of 6", f"{head_on.result.task['completion_s']:g}", *counted]
+    assert cells[2] == ["all", "6 of 6", f"{head_on.result.task['completion_s']:.1f} s", *counted]
     assert cells[1][:2] == ["r2", "3 of 3"] and cells[1][5].startswith("+2.5000 s ± ")
     done = acrc("fleet", "collect", tmp_path / "far" / "r1", tmp_path / "far" / "r2", "--json")
     result = msgspec.json.decode(done.stdout, type=RunResult)

@@ -13,9 +13,13 @@ from cryptography.hazmat.primitives.asymmetric.ec import SECP256R1, EllipticCurv
 from cryptography.hazmat.primitives.serialization import load_pem_private_key
 from cryptography.x509.verification import PolicyBuilder, Store
 
+from actors.robot.behaviour.code_permit import Permit
 from actors.runtime.errors import AcrcError
 from actors.runtime.isolation.tls import Keys, load_keys
-from deploy.fleet.fleet_file import load_fleet
+from actors.task.loading import load_task
+from actors.user_code import FINDER
+from deploy.fleet import doctor
+from deploy.fleet.fleet_file import load_fleet, task_folders
 from deploy.fleet.keys import FleetKeys, create_keys, parse_hosts, replace_keys
 from deploy.hosts import certificates
 from deploy.scenario.resolve import robot_setup
@@ -91,6 +95,33 @@ def test_paths_are_relative_to_the_file_not_to_the_working_directory(
 def test_a_fault_is_one_sentence(text: str, sentence: str) -> None:
     assert sentence in fault(text)
     assert fault(robot(1) + robot(2)) == "nothing was wrong", "ports of different robots may be equal"
+
+
+BEACONS = """task = { use = "tests.field_trial.beacons:Beacons" }
+run = { strategy = "tests.field_trial.beacons:listen", modules = "." }
+"""
+
+
+def test_robots_of_a_fleet_have_items_of_its_task(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(FINDER, "task_folders", (ROOT,))
+    own = robot(1).replace("places = [[12.2, 5.9]]", 'beacons = ["north", ""]')
+    mine = fleet(BEACONS + own)
+    world = mine.swarm(mine.robots[0]).world
+    assert (mine.robots[0].items, world.robots[0].items) == (("north", ""), ("north", ""))
+    assert (world.task.use, world.task.declaration.item) == ("tests.field_trial.beacons:Beacons", "beacon")
+    *_, found = doctor.check_floor(mine, mine.robots[0])
+    assert (found.subject, found.ok, found.text) == ("beacons", False, 'beacon 1 is "", but must have a name')
+    assert task_folders(mine, Permit((ROOT,))) == (ROOT,) and task_folders(fleet(), Permit()) == ()
+    unknown = "unknown key robot[0].places; known keys of robot[0]: start, beacons, id, model"
+    assert fault(BEACONS + robot(1)).startswith(unknown)
+    wrong = own.replace('["north", ""]', "[[1, 2]]")
+    assert fault(BEACONS + wrong).startswith("robot[0].beacons[0] is [1, 2]: ")
+    assert fault(BEACONS + own.replace("beacons", "items")) == (
+        "robot[0].items is not a key; the task's key is beacons"
+    )
+    monkeypatch.setattr(FINDER, "task_folders", ())
+    load_task.cache_clear()
+    assert "its module is not installed; name its folder with --modules DIR" in fault(BEACONS + own)
 
 
 def test_errors_name_a_missing_or_invalid_file(tmp_path: Path) -> None:
