@@ -145,7 +145,7 @@ def shown_items(run: RunData) -> list[ShownItem]:
 def item_style(run: RunData, item: ShownItem, *, few: bool) -> dict[str, Any]:
     """Return the properties of a line that draws an item."""
     size = (4.6 if few else 2.6) + (item.symbol.shape == "cross")
-    fill = style.robot_colour(run.robots, item.mark.by) if item.is_filled else ""
+    fill = style.robot_colour(run.robots, item.mark.by, item.mark.owner) if item.is_filled else ""
     colour = style.robot_colour(run.robots, item.mark.owner, item.mark.by)
     return marks.line_style(item.symbol, colour, size, fill)
 

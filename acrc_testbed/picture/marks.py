@@ -148,7 +148,13 @@ def legend_entry(mark: Mark) -> Artist:
             return Patch(facecolor="none", edgecolor=colour, ls="--", label=mark.meaning)
         case "dotted line":
             return Line2D([], [], color=colour, lw=1.2, ls=":", label=mark.meaning)
-    size = {"soft ring": 11.0, "square": 4.0, "tick": 9.0, "heavy cross": 9.0, "snowflake": 9.0}
+    size = {
+        "soft ring": 11.0 if mark.colour else 6.0,
+        "square": 4.0,
+        "tick": 9.0,
+        "heavy cross": 9.0,
+        "snowflake": 9.0,
+    }
     fill = "#9a9fa8" if mark.shape == "disc" and mark.colour is None else ""
     look = line_style(mark, style.INK, size.get(mark.shape, 6.0), fill)
     return Line2D([], [], ls="", label=mark.meaning, **look)

@@ -184,6 +184,7 @@ class _Scene:
 
     def draw_all(self) -> Pixels:
         """Return a picture of all artists, for the palette; call it before `picture`."""
+        self._move_all(0, 0.0)
         for item in floor_picture.shown_items(self._run):
             self._lines[item.mark.key].set(**floor_picture.item_style(self._run, item, few=self._few))
         for artist in self._changing:
@@ -202,6 +203,7 @@ class _Scene:
     def _show(self, step: int) -> None:
         """Update the artists for a step; steps must not decrease."""
         run, now = self._run, float(self._run.seconds[step])
+        self._move_all(step, now)
         while self._done and self._done[0].instant <= 1e6 * now:
             self._done.popleft()
             self._count += 1
@@ -213,6 +215,11 @@ class _Scene:
             if item is not None:
                 line.set_data([mark.x], [mark.y])
                 line.set(**floor_picture.item_style(run, item, few=self._few))
+        self._title.set_text(f"{now:.0f} s   {self._count}{style.of_total(run)} {self._words}")
+
+    def _move_all(self, step: int, now: float) -> None:
+        """Update the floor objects, people and robots for a step, which begins at `now`, s."""
+        run = self._run
         for interval, artist in self._objects:
             artist.set_visible(interval.begin <= now < interval.end)
         for disc, (x, y) in zip(self._people, run.people[step, :, :2].tolist(), strict=True):
@@ -222,7 +229,6 @@ class _Scene:
             state = "off" if not run.powered[step, index] else "" if run.stepping[step, index] else "frozen"
             robot.name.set_text(f"{run.robots[index]} {state}" if state or self._few else "")
             _move(robot, run.true[first : step + 1, index], alive=not state)
-        self._title.set_text(f"{now:.0f} s   {self._count}{style.of_total(run)} {self._words}")
 
 
 def _size(run: RunData) -> tuple[float, float]:

@@ -109,18 +109,16 @@ def _draw_events(axes: Axes, run: RunData, rows: Mapping[str, int], *, few: bool
     """Draw events of the task in the middle of the lanes, and adoptions above."""
     symbols = event_marks(run.description.task)
     drawn = [
-        (one.robot, in_seconds(one.instant), one.owner, symbols[one.kind], 0.0, 9.0 if few else 3.0)
+        (one.robot, in_seconds(one.instant), one.owner, symbols[one.kind], 0.0)
         for one in run.task_events
         if one.kind in symbols
     ]
-    drawn += [
-        (one.robot, one.second, one.key.owner, symbols[ADOPTION], -_HALF, 5.0 if few else 2.0)
-        for one in run.taken_over
-    ]
-    for robot, second, owner, symbol, shift, size in drawn:
+    drawn += [(one.robot, one.second, one.key.owner, symbols[ADOPTION], -_HALF) for one in run.taken_over]
+    for robot, second, owner, symbol, shift in drawn:
         if robot in rows:
             colour = style.robot_colour(run.robots, owner, robot)
-            marks.plot(axes, symbol, second, rows[robot] + shift, colour, size=size)
+            large, small = (9.0, 3.0) if symbol.shape == "tick" else (5.0, 2.0)
+            marks.plot(axes, symbol, second, rows[robot] + shift, colour, size=large if few else small)
             if not shift:  # the robot's colour may equal the lane's
                 axes.lines[-1].set_path_effects(style.HALO)
 
