@@ -15,8 +15,9 @@ from actors.instant import Duration, Instant, seconds
 from actors.items import ItemGivenUp, ItemKey, TaskLimits, task_reports_fault
 from actors.messages import Drive, TaskChanged
 from actors.settings import decode
-from actors.task.loading import decode_items, decode_reports, load_task, task_setup
-from actors.task.task import Judge, JudgeSetup, Task, TaskDeclaration, TaskError, TaskOutcome
+from actors.task.checked_judge import CheckedJudge
+from actors.task.loading import ReportError, decode_items, decode_reports, load_task, task_setup
+from actors.task.task import Judge, JudgeSetup, Task, TaskDeclaration, TaskOutcome
 
 if TYPE_CHECKING:
     from firmware_bridge.laboratory.laboratory import LaboratoryResult
@@ -69,14 +70,15 @@ def judge_reports(
         robot: decode_items(task, logs[0].identity.items, f"{logs[0].path}: items")
         for robot, logs in trial.logs.items()
     }
-    judge = task.judge(
+    judge = CheckedJudge(
+        task,
         JudgeSetup(
             robots=tuple(items),
             items=items,
             settings=decode(task.settings, setup.settings, setup.declaration.table),
             duration_us=clocks.span,
             has_truth=truth is not None,
-        )
+        ),
     )
     faults: list[str] = []
     parts = sorted(_parts(trial, clocks, task, faults), key=attrgetter("instant"))
@@ -136,9 +138,9 @@ def _answer_parts(
     for part in _split(drive):
         try:
             if fault := task_reports_fault(part, begin, end, TaskLimits()):
-                raise TaskError(fault)
+                raise ReportError(fault)
             reports = tuple(map(with_instant, decode_reports(task, part).reports))
-        except TaskError as error:
+        except ReportError as error:
             faults.append(f"{robot} {error}")
             continue
         given_up = tuple(map(with_instant, part.given_up))

@@ -12,6 +12,7 @@ from typing import Annotated, Any, Final, get_origin
 import msgspec
 
 from actors.items import ITEM_LIMIT, TaskReports
+from actors.runtime.errors import AcrcError
 from actors.settings import ParameterError, words
 from actors.task.task import SYMBOLS, Task, TaskDeclaration, TaskError, style_fault
 from actors.user_code import FINDER, entry_object, is_installed, module_file
@@ -61,7 +62,7 @@ def load_task(name: str) -> Task:
         raise TaskError(f"task {entry!r}: its module is not installed; name its folder with --modules DIR")
     kind = entry_object(entry, "task", TaskError, "module:Task")
     if not (isinstance(kind, type) and issubclass(kind, Task)):
-        raise TaskError(f"task {entry!r} is {short_repr(kind)}; must be a subclass of acrc_testbed.task.Task")
+        raise TaskError(f"task {entry!r} is {short_repr(kind)}; must be a subclass of actors.task.Task")
     task = kind()
     if fault := _declaration_fault(task):
         raise TaskError(f"task {entry!r} {fault}")
@@ -106,7 +107,7 @@ def task_setup(name: str, settings: Mapping[str, Any]) -> TaskSetup:
 
 
 def decode_items(task: Task, items: Sequence[Any], key: str = "items") -> tuple[Any, ...]:
-    """Return plain values as items of the task. Raises AcrcError with the key of a wrong value."""
+    """Return plain values as items of the task. Raises ParameterError with the key of a wrong value."""
     return tuple(_decode_item(task, item, f"{key}[{index}]") for index, item in enumerate(items))
 
 
@@ -114,12 +115,16 @@ def _decode_item(task: Task, item: Any, key: str) -> Any:
     try:
         found = msgspec.convert(item, task.item)
         if len(msgspec.msgpack.encode(found)) > ITEM_LIMIT:
-            raise TaskError(f"{key} is larger than {ITEM_LIMIT} bytes")
+            raise ParameterError(key, item, "", f"{key} is larger than {ITEM_LIMIT} bytes")
     except (msgspec.ValidationError, OverflowError) as error:
         expected = words(task.item, key) if get_origin(task.item) is Annotated else ""
         sentence = "" if expected else f"{key} is {toml_text(item)}: {error}"
         raise ParameterError(key, item, expected, sentence) from None
     return found
+
+
+class ReportError(AcrcError):
+    """A robot's report that is not of the task's type; the text continues the robot's name."""
 
 
 class _Answer:
@@ -132,13 +137,13 @@ class _Answer:
 
 
 def decode_reports(task: Task, answer: TaskReports) -> TaskReports:
-    """Return the robot's answer with the task's reports decoded. Raises AcrcError for one of another type."""
+    """Return the answer with the task's reports decoded. Raises ReportError for one of another type."""
     if not answer.reports:
         return answer
     if task.report is None:
-        raise TaskError(f"reports {short_repr(answer.reports[0])}; the task has no reports")
+        raise ReportError(f"reports {short_repr(answer.reports[0])}; the task has no reports")
     try:
         plain = msgspec.to_builtins(answer.reports)
         return _Answer(answer, msgspec.convert(plain, tuple[task.report, ...]))  # type: ignore[name-defined]
     except msgspec.ValidationError as error:
-        raise TaskError(f"reports {short_repr(answer.reports)}: {error}") from None
+        raise ReportError(f"reports {short_repr(answer.reports)}: {error}") from None

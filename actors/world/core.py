@@ -42,8 +42,8 @@ from actors.messages import (
 from actors.runtime.core import Address, Inputs, Output, at, read, to
 from actors.runtime.errors import AcrcError
 from actors.runtime.processor import differing_kernels, first_names, parse_fingerprints
-from actors.task.loading import decode_reports
-from actors.task.task import Judge, Task, TaskError, TaskOutcome
+from actors.task.loading import ReportError, decode_reports
+from actors.task.task import Judge, Task, TaskOutcome
 from actors.wording import short_repr
 from actors.world.body import Bodies
 from actors.world.order_execution import OrderEffects, Orders
@@ -326,9 +326,11 @@ class WorldCore:
 
     def _take_reports(self, member: Member, drive: Drive, begin: int, end: int) -> None:
         try:
-            wrong = self._judge.take(member.id, decode_reports(self._task, drive), begin, end)
-        except TaskError as error:
-            wrong = str(error)
+            answer = decode_reports(self._task, drive)
+        except ReportError as error:
+            wrong: str | None = str(error)
+        else:
+            wrong = self._judge.take(member.id, answer, begin, end)
         if wrong:
             raise AcrcError(f"{self._time_text()}: {member.id} {wrong}")
 

@@ -31,7 +31,7 @@ from actors.orders import (
 )
 from actors.runtime.errors import AcrcError
 from actors.task.loading import decode_items
-from actors.task.task import Judge, Task
+from actors.task.task import Judge, Task, TaskError
 from actors.world.body import Bodies, wall_posts
 from actors.world.world_setup import BarrierState, Member, Participants, TimedOrder
 
@@ -112,6 +112,8 @@ class Orders:
         for order in orders:
             try:
                 self._execute(order)
+            except TaskError:  # a fault of the judge, not of the order
+                raise
             except AcrcError as error:
                 refusals.append(f"{self._time_text()}: {error}")
         room = self._limits.refusals - len(self._refused)

@@ -17,8 +17,9 @@ from actors.runtime.process_setup import read_setup
 from actors.runtime.processor import fingerprints
 from actors.runtime.shell import Shell, run_shell
 from actors.settings import decode
+from actors.task.checked_judge import CheckedJudge
 from actors.task.loading import decode_items, load_task
-from actors.task.task import JudgeSetup
+from actors.task.task import JudgeSetup, Task
 from actors.world import drive, odometry, physics, rays, social_force
 from actors.world.body import Bodies
 from actors.world.core import WorldCore
@@ -39,7 +40,8 @@ def load_setup(path: Path) -> WorldProgram:
 def build(setup: WorldSetup) -> WorldCore:
     """Return the core of a world and its judge."""
     task, bodies, participants = load_task(setup.task.use), Bodies(setup), Participants(setup.robots)
-    judge = task.judge(
+    judge = CheckedJudge(
+        task,
         JudgeSetup(
             robots=tuple(robot.id for robot in setup.robots),
             items={robot.id: decode_items(task, robot.items) for robot in setup.robots},
@@ -47,8 +49,8 @@ def build(setup: WorldSetup) -> WorldCore:
             grid=bodies.grid,
             seed=setup.world_seed,
             duration_us=setup.duration_us,
-            world=JudgedWorld(bodies, participants),
-        )
+            world=JudgedWorld(task, bodies, participants),
+        ),
     )
     return WorldCore(setup, bodies, participants, task, judge)
 
@@ -56,7 +58,8 @@ def build(setup: WorldSetup) -> WorldCore:
 class JudgedWorld:
     """The world as its judge may use it, implementing `TaskWorld`."""
 
-    def __init__(self, bodies: Bodies, participants: Participants) -> None:
+    def __init__(self, task: Task, bodies: Bodies, participants: Participants) -> None:
+        self._task = task
         self._bodies = bodies
         self._participants = participants
 
@@ -76,6 +79,7 @@ class JudgedWorld:
     def give(self, robot: str, items: Sequence[Any]) -> None:
         """Send further items to the robot with its next SensorData."""
         member = self._participants[robot]
+        decode_items(self._task, msgspec.to_builtins(items))
         check_room(member, items, OrderLimits())
         member.given_items += tuple(items)
 

@@ -32,6 +32,7 @@ from actors.runtime.isolation.sandbox import (
     own_folder,
 )
 from actors.runtime.process_setup import SETUP, ActorSetup, ProcessSetup, resolve_model
+from actors.task.loading import TASKS
 from actors.user_code import FINDER
 from actors.world.world_setup import BodySetup, WorldProcess, WorldSetup
 from cleaning.strategies.registry import STRATEGIES
@@ -132,9 +133,9 @@ class RunPlan(Swarm):
 
     @property
     def has_user_code(self) -> bool:
-        """True if any of the strategy's code is the user's."""
-        shipped = STRATEGIES.values()
-        return any(name not in shipped for name in handover.names(self.behaviour))
+        """True if any code of the strategy or of the task is the user's."""
+        shipped = (*STRATEGIES.values(), *TASKS.values())
+        return any(name not in shipped for name in (*handover.names(self.behaviour), self.world.task.use))
 
     def folder(self, actor: str) -> Path:
         """Return the actor's folder."""

@@ -34,6 +34,8 @@ from actors.runtime.codec import decode
 from actors.runtime.core import Address, Core, Delivery, Inputs, Output, at, read, to
 from actors.runtime.recording import NullJournal
 from actors.runtime.shell import MemoryBus, Shell, run_digest, run_shells
+from actors.task import Judge
+from actors.task.checked_judge import CheckedJudge
 from actors.task.loading import task_setup
 from actors.topic import MessagePart
 from actors.world.program import build as build_world
@@ -180,8 +182,16 @@ class ScriptedSwarm:
 
     @property
     def places(self) -> tuple[PlaceOutcome, ...]:
-        assert isinstance(self.core._judge, Referee)
-        return tuple(self.core._judge.places(self.core._participants.present))
+        referee = self.judge
+        assert isinstance(referee, Referee)
+        return tuple(referee.places(self.core._participants.present))
+
+    @property
+    def judge(self) -> Judge:
+        """The task's judge."""
+        checked = self.core._judge
+        assert isinstance(checked, CheckedJudge)
+        return checked.judge
 
     def run(self) -> "ScriptedSwarm":
         run_shells(self.shells)

@@ -239,7 +239,7 @@ class DistanceJudge(Judge):
         return TaskProgress(0, 1) if self.settled else TaskProgress(len(present), 0)
 
     def outcome(self, present: Collection[str], end: Instant) -> TaskOutcome:
-        return TaskOutcome("drove", {"parted_at": self._parted}, {})
+        return TaskOutcome("drove", {"parted_at": self._parted}, dict.fromkeys(("r1", "r2"), {}))
 
 
 class DistanceTask(Task):
@@ -263,7 +263,7 @@ def distance_run(
     play = ScriptedSwarm(seconds, events, task=task, settings=settings)
     for act in play.acts.values():
         act.says = {step: ScriptedAnswer(route=()) for step in range(10)}
-    judge = play.run().core._judge
+    judge = play.run().judge
     assert isinstance(judge, DistanceJudge)
     return play, judge
 
