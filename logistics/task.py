@@ -108,9 +108,9 @@ class Logistics(Task):
                     return f"logistics.outages[{index}].{kind} is {number}, but must be below {count}"
         return None
 
-    def map_keys(self, settings: LogisticsTable) -> Mapping[str, str]:
-        """Return listed stations and chargers."""
-        return {name: f"logistics.{name}=[]" for name in ("stations", "chargers") if getattr(settings, name)}
+    def draw_keys(self, settings: LogisticsTable, *, has_areas: bool) -> Mapping[str, Any]:
+        """Return empty lists in place of listed stations and chargers."""
+        return {name: [] for name in ("stations", "chargers") if getattr(settings, name)}
 
 
 def _drawn(kind: str, count: int, placing: Placing, others: Sequence[tuple[float, float]]) -> list[Point]:

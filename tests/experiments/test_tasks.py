@@ -137,8 +137,8 @@ def test_runs_of_different_tasks_are_not_compared(
     with pytest.raises(AcrcError) as caught:
         read_sources([kept.folder, tmp_path])
     assert str(caught.value) == (
-        f"{tmp_path}: its runs are of the task cleaning, those of {kept.folder} of delivery; write a report for "
-        "each task"
+        f"{tmp_path}: its runs are of the task cleaning, those of {kept.folder} of delivery; write a report "
+        "for each task"
     )
     trial = next(STUDY.trials())
     content = msgspec.json.encode(TrialRecord("greedy", 1, {}, msgspec.structs.replace(plain, seed=1)))

@@ -281,7 +281,8 @@ def field_trial(plain: RunResult) -> RunResult:
     robot = field_trial_struct(
         RobotResult,
         task={"places_total": 10, "places_done": None, "places_claimed": 7, "completion_s": None},
-        reports=7, gave_up=0, frames=frames, lateness_p50_ms=None, lateness_p99_ms=None, overruns=None, clock=(), recordings=(),
+        reports=7, gave_up=0, frames=frames, lateness_p50_ms=None, lateness_p99_ms=None, overruns=None,
+        clock=(), recordings=(),
     )  # fmt: skip
     return field_trial_struct(
         RunResult,
