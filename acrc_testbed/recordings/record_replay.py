@@ -37,7 +37,7 @@ from actors.runtime.processor import difference_cause, differing_kernels
 from actors.runtime.recording import Entry, RecordingError, decode_note, read_notes, read_recording
 from actors.runtime.replay_bus import ReplayBus, ReplayError, replay
 from actors.runtime.shell import Shell
-from actors.user_code import RecordedModules, expect_hashes, set_folders
+from actors.user_code import FINDER, RecordedModules, expect_hashes, set_folders, set_task_folders
 from actors.world import program as world_program
 from actors.world.world_setup import WorldSetup
 
@@ -203,10 +203,11 @@ def recheck(out: Path, modules: Sequence[Path] = ()) -> RecheckReport:
     """
     check_run(out)
     actors = tuple(all_recordings(out))
-    words = (*map(str, modules), str(out), *actors)
+    tasks = FINDER.task_folders
+    words = (len(modules), *modules, len(tasks), *tasks, out, *actors)
     other = "2" if os.environ.get("PYTHONHASHSEED") == "1" else "1"
     with subprocess.Popen(
-        [sys.executable, "-P", "-c", _RECHECK, str(len(modules)), *words],
+        [sys.executable, "-P", "-c", _RECHECK, *map(str, words)],
         stdin=subprocess.DEVNULL,
         stdout=subprocess.PIPE,
         cwd=REPOSITORY,
@@ -235,12 +236,13 @@ def recheck(out: Path, modules: Sequence[Path] = ()) -> RecheckReport:
 def replay_all(argv: Sequence[str]) -> int:
     """Replay actors in parallel, one per processor, and write a line of JSON for each.
 
-    `argv`: number N, N folders with modules, the run's folder, the actors.
+    `argv`: number N, N folders with modules, number M, M folders of tasks, the run's folder, the actors.
     """
     die_with_parent(os.getppid())
-    count, *words = argv
-    set_folders([Path(folder) for folder in words[: int(count)]])
-    out, *actors = words[int(count) :]
+    words = deque(argv)
+    for search_in in (set_folders, set_task_folders):
+        search_in([Path(words.popleft()) for _ in range(int(words.popleft()))])
+    out, *actors = words
     importlib.import_module("actors.processes.preload")
     for result in _replay_parallel(Path(out), actors):
         sys.stdout.write(msgspec.json.encode(result).decode() + "\n")

@@ -17,7 +17,7 @@ from actors.messages import Drive, TaskChanged
 from actors.settings import decode
 from actors.task.checked_judge import CheckedJudge
 from actors.task.loading import ReportError, decode_items, decode_reports, load_task, task_setup
-from actors.task.task import Judge, JudgeSetup, Task, TaskDeclaration, TaskOutcome
+from actors.task.task import Judge, JudgeSetup, Task, TaskDeclaration, TaskError, TaskOutcome
 
 if TYPE_CHECKING:
     from firmware_bridge.laboratory.laboratory import LaboratoryResult

@@ -13,6 +13,7 @@ import msgspec
 
 from actors.items import ITEM_LIMIT, TaskReports
 from actors.runtime.errors import AcrcError
+from actors.runtime.failure import failure_note
 from actors.settings import ParameterError, words
 from actors.task.task import SYMBOLS, Task, TaskDeclaration, TaskError, style_fault
 from actors.user_code import FINDER, entry_object, is_installed, module_file
@@ -63,7 +64,11 @@ def load_task(name: str) -> Task:
     kind = entry_object(entry, "task", TaskError, "module:Task")
     if not (isinstance(kind, type) and issubclass(kind, Task)):
         raise TaskError(f"task {entry!r} is {short_repr(kind)}; must be a subclass of actors.task.Task")
-    task = kind()
+    try:
+        task = kind()
+    except (Exception, SystemExit) as error:
+        cause = failure_note("", 0, error).cause
+        raise TaskError(f"task {entry!r} cannot be created: {cause}") from error
     if fault := _declaration_fault(task):
         raise TaskError(f"task {entry!r} {fault}")
     return task

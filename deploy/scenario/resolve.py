@@ -308,8 +308,8 @@ def check_events(grid: OccupancyGrid, specs: Sequence[RobotSpec], scenario: Scen
     for index, event in enumerate(scenario.event):
         if event.move is not None and event.to is not None:
             check_pose(grid, Point(*event.to[:2]), radius[event.move], event.move)
-        for item in decode_items(task, event.items or ()):
-            if fault := task.check(item, grid):
+        for item, read in zip(event.items or (), decode_items(task, event.items or ()), strict=True):
+            if fault := task.check(read, grid):
                 raise LayoutError(
                     f"event[{index}].{scenario.table} has {wording.toml_text(item)}, but must {fault}"
                 )
@@ -343,8 +343,9 @@ def _items(
         items = decode_items(task, spec.table.items)
         for index, item in enumerate(items):
             if fault := task.check(item, grid):
+                text = wording.toml_text(spec.table.items[index])
                 raise LayoutError(
-                    f"{task.declaration.item} {index} of robot {spec.id} is {wording.toml_text(item)}, "
+                    f"{task.declaration.item} {index} of robot {spec.id} is {text}, "
                     f"but must {fault} of {scenario.map}"
                 )
         return items

@@ -362,7 +362,7 @@ def decode_swarm_file(kind: type[_F], content: Mapping[str, Any]) -> _F:
     try:
         return decode(kind, named)
     except ParameterError as error:
-        names = re.compile(r"task_settings|(?<=\]\.)items|(?<=[:,] )items(?=, )")
+        names = re.compile(r"task_settings|(?<=\]\.)items|(?<=[:,] )items(?=, |$)")
         key, sentence = (names.sub(table, text) for text in (error.key, str(error)))
         raise ParameterError(key, error.value, error.expected, sentence) from None
 

@@ -135,11 +135,11 @@ REFUSED = {
     "[robots]\ncount = 2\nstart = [[12, 5, 0], [12.3, 5, 0]]":
         "robots r1 and r2 start 0.300 m apart at (12.3, 5), but must be at least 0.354 m apart",
     '[[event]]\nat = 1\nmove = "r2"\nto = [-3, 0, 0]': "robot 'r2' at (-3.00, 0.00) is outside the ",
-    '[[event]]\nat = 1\ngive = "r2"\nplaces = [[5, 12.5]]': "event[0].places has [5.0, 12.5], but ",
+    '[[event]]\nat = 1\ngive = "r2"\nplaces = [[5, 12.5]]': "event[0].places has [5, 12.5], but ",
     "[[event]]\nat = 1\nclose = [9, 12]":
         "event[0].close: (9, 12) is not at a door; the map's doors are at (12.52, 9.48), ",
     "[[event]]\nat = 1\nopen = [12.4, 9.4]": "event[0] cannot open a door at 1 s: it is open then",
-    '[[robot]]\nid = "r2"\nplaces = [[12, 5], [5, 12.5]]': "place 1 of robot r2 is [5.0, 12.5], ",
+    '[[robot]]\nid = "r2"\nplaces = [[12, 5], [5, 12.5]]': "place 1 of robot r2 is [5, 12.5], ",
     '[places]\npreset = "golden"\nper_robot = 11': "places.per_robot is 11, but must be at most 10 wh",
     '[run]\nstrategy = "prayer"': "unknown strategy 'prayer'; choose from ",
     '[radio]\npreset = "ether"': "Radio preset 'ether' is unknown; known are chapter, ",
