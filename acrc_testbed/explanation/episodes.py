@@ -185,7 +185,7 @@ class ObservedActivity:
                 yield begin if stays else second, activity
 
     def _stays(self, second: float, x: float, y: float) -> tuple[float, bool]:
-        """Return the start of the window, s, and whether the robot stayed in place for `pause_s`."""
+        """Return the start of the window, s, and whether the robot stayed where it was for `pause_s`."""
         window = self._window
         window.append((second, x, y))
         while len(window) > 1 and second - window[1][0] >= STANDARD.pause_s:

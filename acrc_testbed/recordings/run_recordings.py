@@ -25,7 +25,7 @@ def recordings(out: Path) -> dict[str, Path]:
     with an unexpected name.
     """
     found: dict[str, Path] = {}
-    for path in sorted(out.glob("*/*.mcap"), key=_place):
+    for path in sorted(out.glob("*/*.mcap"), key=_order):
         actor, folder = path.stem, path.parent
         if folder.is_symlink():
             raise RecordingError(f"{folder}: is a symbolic link; a run's folders must not be links")
@@ -51,7 +51,7 @@ def all_recordings(out: Path) -> dict[str, Path]:
     return recordings(out)
 
 
-def _place(path: Path) -> tuple[str, int, str]:
+def _order(path: Path) -> tuple[str, int, str]:
     """Return the sort key of a recording: folder, then restart number."""
     return (path.parent.name, len(path.stem), path.stem)
 

@@ -80,9 +80,9 @@ def check_trust(out: Path, actor: str, permit: Permit) -> tuple[Path, ...] | Non
 
 
 @cache
-def warn_about_missing_hashes(place: Path) -> None:
+def warn_about_missing_hashes(path: Path) -> None:
     """Warn once that the strategy's code cannot be compared with the recorded one."""
-    print_warning(f"{place}: recorded without hashes of the strategy's modules; they may differ here")
+    print_warning(f"{path}: recorded without hashes of the strategy's modules; they may differ here")
 
 
 @dataclass(frozen=True)

@@ -88,8 +88,8 @@ def outcome_rates(copies: FrameCopies, begin: float, bins: int, bin_s: float) ->
     """Return copies per second by outcome, (bins, outcomes), from `begin`, s; the last bin counts all later
     copies, too."""
     table = np.zeros((bins, len(Outcome)))
-    places = np.clip(((copies.seconds - begin) / bin_s).astype(np.int64), 0, bins - 1)
-    np.add.at(table, (places, copies.outcomes), 1)
+    rows = np.clip(((copies.seconds - begin) / bin_s).astype(np.int64), 0, bins - 1)
+    np.add.at(table, (rows, copies.outcomes), 1)
     return table / bin_s
 
 

@@ -287,9 +287,9 @@ class ProcessModel:
 
     def _with_previous_value(self, component: str, change: ValueChange) -> ValueChange:
         """Return the change with its previous value filled in."""
-        place = component, change.path
-        before = self._values.get(place) if change.before == "" else change.before
-        self._values[place] = change.after
+        field = component, change.path
+        before = self._values.get(field) if change.before == "" else change.before
+        self._values[field] = change.after
         return msgspec.structs.replace(change, before=before)
 
     def costs(self, window: CostWindow) -> NDArray[np.uint8]:

@@ -56,7 +56,7 @@ class RunEventTexts:
 
 
 def _event_words(event: TaskEvent, robots: Sequence[str]) -> Iterator[str]:
-    """Yield the parts of a description such as "cleaned r1/3, adopted from r1"."""
+    """Yield the parts of a description such as "delivers r1/3, adopted from r1"."""
     kind = event.kind or "goes on"
     yield kind if event.key is None else f"{kind} {event.key}"
     if event.owner in robots and event.owner != event.robot:
