@@ -5,7 +5,7 @@ from typing import Annotated, Final, NamedTuple
 
 from msgspec import Meta
 
-from actors.instant import seconds
+from actors.instant import Duration, seconds
 from actors.portable.draws import exponentials
 from actors.randomness import generator
 from actors.settings import (
@@ -68,9 +68,9 @@ class LogisticsTable(Settings, frozen=True):
     """Distance from which a robot sees whether a station or charger works, m."""
     outages: Annotated[tuple[OutageTable, ...], Meta(max_length=100)] = ()
     """Outages at given times."""
-    station_closed_every: PositiveInterval | None = None
-    """Mean time from one outage of a station to the next, s; absent: only `outages`."""
-    charger_fails_every: PositiveInterval | None = None
+    station_closed_every: Interval = Duration(0)
+    """Mean time from one outage of a station to the next, s; 0: only `outages`."""
+    charger_fails_every: Interval = Duration(0)
     """The same for a charger."""
     outage: PositiveInterval = seconds(180)
     """Mean duration of a drawn outage, s."""
@@ -131,7 +131,7 @@ def outage_events(settings: LogisticsTable, stations: int, chargers: int, seed: 
             stream, now = generator(seed, "task", f"{'charger' if is_charger else 'station'} {number}"), 0.0
             draws = exponentials(stream, 1.0, 2 * _MOST_OUTAGES).tolist()
             for gap, length in zip(draws[::2], draws[1::2], strict=True):
-                begin = now + gap * (mean or 0)
+                begin = now + gap * mean
                 now = begin + length * settings.outage
                 spans.append((is_charger, number, int(begin), int(now)))
     events = [OutageEvent(begin, kind, number, 1) for kind, number, begin, _ in spans]

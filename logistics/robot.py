@@ -146,7 +146,7 @@ class DeliveryRobot(Carrier):
         return replace(robot, reports=robot.reports + 1)
 
     @periodic(every=milliseconds(500), order=4)
-    def drive(self, navigation: Navigation) -> Self:
+    def drive(self, navigation: Navigation, now: Instant) -> Self:
         """Request a new target; stop at it; request an aborted goal again."""
         if self.target is None or self.is_there():
             if self.sent is not None:

@@ -1,10 +1,10 @@
-"""Generator of the maps maze and apartment: `python maps/draw_floors.py [directory [name …]]`.
+"""Generator of the maps maze, apartment and warehouse: `python maps/draw_floors.py [directory [name …]]`.
 
 The maze has nested rectangular corridors, 10 m by 10 m at 0.05 m per pixel, like the second map of the
 original testbed (d3scomp/ROSRemote, simulation/maze.yaml), but another layout. The apartment has rooms of
 different sizes behind doors 0.9 m to 1.0 m wide, pillars, and tables whose legs a range sensor detects.
-Neither floor has a rotation or reflection symmetry, so scans determine a pose. With names such as
-`offices:7` it writes these office floors instead (`actors/floor/offices.py`), for editing by hand.
+The warehouse has rows of racks, 0.8 m deep, with aisles 1.6 m wide, and wider ones around and across them.
+No floor has a rotation or reflection symmetry, so scans determine a pose. With names such as `offices:7` it writes these office floors instead (`actors/floor/offices.py`), for editing by hand.
 """
 
 import sys
@@ -32,6 +32,9 @@ def table(x: float, y: float, length: float, depth: float) -> tuple[Box, ...]:
     east, north = x + length - 0.05, y + depth - 0.05
     return tuple((px, py, px + 0.05, py + 0.05) for px in (x, east) for py in (y, north))
 
+
+RACKS = ((1.90, 0.00), (4.30, 0.40), (6.70, 0.80), (9.10, 1.20), (11.50, 1.60))
+"""South edge of the rows of racks in the warehouse, and by how much they are shorter at both ends, m."""
 
 MAZE = DrawnFloor(
     width=10.0,
@@ -105,7 +108,20 @@ APARTMENT = DrawnFloor(
     ),
     pillars=((9.05, 4.60, 0.20), (12.30, 5.20, 0.20), (14.30, 8.30, 0.30), (11.20, 2.70, 0.45)),
 )
-FLOORS = {"maze": MAZE, "apartment": APARTMENT}
+WAREHOUSE = DrawnFloor(
+    width=24.0,
+    height=16.0,
+    walls=ring(0.00, 0.00, 24.00, 16.00),
+    doors=(),
+    furniture=(
+        *((3.00 + shift, y, 10.00, y + 0.80) for y, shift in RACKS[1:]),
+        *((12.20, y, 20.60 - shift, y + 0.80) for y, shift in RACKS[:3]),
+        (14.00, 12.20, 15.20, 15.90),  # office
+        (21.00, 0.10, 23.90, 0.80),  # packing tables
+    ),
+    pillars=((11.10, 3.50, 0.15), (11.10, 11.90, 0.15), (22.20, 8.00, 0.20)),
+)
+FLOORS = {"maze": MAZE, "apartment": APARTMENT, "warehouse": WAREHOUSE}
 
 
 def main(directory: Path, names: Sequence[str] = ()) -> None:

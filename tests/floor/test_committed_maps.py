@@ -17,14 +17,14 @@ from actors.floor.map_file import load_map
 from actors.geometry import Point
 
 MAPS = Path(__file__).parents[2] / "maps"
-SIZES = {"corridor": None, "maze": (10.0, 10.0), "apartment": (16.0, 11.0)}
+SIZES = {"corridor": None, "maze": (10.0, 10.0), "apartment": (16.0, 11.0), "warehouse": (24.0, 16.0)}
 RADIUS = 0.177
 BODY = RADIUS + 0.03
 """A robot's radius, and with the margin of planning, m."""
 PIXEL = 0.03125
 """Size of the corridor's map, m."""
 each = pytest.mark.parametrize("name", SIZES)
-new = pytest.mark.parametrize("name", ["maze", "apartment"])
+new = pytest.mark.parametrize("name", ["maze", "apartment", "warehouse"])
 
 
 def grid_of(name: str) -> OccupancyGrid:
