@@ -190,7 +190,7 @@ def tables_of(task: TaskDeclaration) -> tuple[ExportTable, ...]:
         Column(one.exported or one.name, _KINDS.get(one.type, "text"), one.description)
         for one in task.columns
     )
-    return *TABLES, ExportTable(items_name(task), f"a {task.item} and its outcome", columns)
+    return *TABLES, ExportTable(items_name(task), f"one {task.item} and its outcome", columns)
 
 
 def schema_page(task: TaskDeclaration) -> str:
