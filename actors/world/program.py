@@ -9,7 +9,7 @@ import msgspec
 
 from actors.floor import raster
 from actors.message_limits import OrderLimits
-from actors.messages import PROGRESS
+from actors.messages import PROGRESS, ItemMark
 from actors.portable import arrays, draws, foundations, hypot
 from actors.runtime.core import Bus, Pace, interval_timer, to
 from actors.runtime.process import ActorProcess, RunNote, run_note
@@ -40,7 +40,17 @@ def load_setup(path: Path) -> WorldProgram:
 def build(setup: WorldSetup) -> WorldCore:
     """Return the core of a world and its judge."""
     task, bodies, participants = load_task(setup.task.use), Bodies(setup), Participants(setup.robots)
-    judge = CheckedJudge(
+    return WorldCore(setup, bodies, participants, task, _judge(setup, task, bodies, participants))
+
+
+def initial_marks(setup: WorldSetup) -> tuple[ItemMark, ...]:
+    """Return the items that the task's judge shows at the start of a run."""
+    judge = _judge(setup, load_task(setup.task.use), Bodies(setup), Participants(setup.robots))
+    return judge.take_changes()[0]
+
+
+def _judge(setup: WorldSetup, task: Task, bodies: Bodies, participants: Participants) -> CheckedJudge:
+    return CheckedJudge(
         task,
         JudgeSetup(
             robots=tuple(robot.id for robot in setup.robots),
@@ -52,7 +62,6 @@ def build(setup: WorldSetup) -> WorldCore:
             world=JudgedWorld(task, bodies, participants),
         ),
     )
-    return WorldCore(setup, bodies, participants, task, judge)
 
 
 class JudgedWorld:

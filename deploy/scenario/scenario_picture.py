@@ -1,10 +1,12 @@
 """Pictures of a scenario, a map or a robot model."""
 
 import math
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
+from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.colors import to_rgba
 from matplotlib.figure import Figure
@@ -12,13 +14,14 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Circle, Patch, Polygon, Wedge
 from numpy.typing import NDArray
 
-from acrc_testbed.picture import floor_picture, style
+from acrc_testbed.picture import floor_picture, marks, style
 from actors.floor.grid import OccupancyGrid
 from actors.geometry import Point
-from actors.items import ItemKey
 from actors.observer import glyphs
+from actors.observer.glyphs import Mark
 from actors.radio.radio_model import radio_model, required_dbm
 from actors.robot_model import RobotModel
+from actors.world.program import initial_marks
 from deploy.scenario.resolve import ResolvedScenario
 from deploy.scenario.survey import MapSurvey, ScenarioSurvey
 
@@ -44,13 +47,19 @@ def draw_scenario(found: ScenarioSurvey) -> Figure:
                 body.id, (x, y), xytext=(6, 6), textcoords="offset points", color=colour, zorder=9,
                 fontweight="bold",
             )  # fmt: skip
-        for number, (px, py) in found.resolved.points(body):
-            unreachable = ItemKey(body.id, number) in found.out_of_reach
-            marker = {"marker": "X", "ms": 8.0} if unreachable else {"marker": "o", "ms": 4.6 if few else 2.6}
-            axes.plot(px, py, mfc="w", mec=colour, mew=1.3, zorder=5, **marker)  # type: ignore[arg-type]
-    items, words = sum(len(body.items) for body in world.robots), world.task.declaration
-    _set_title(axes, f"{found.name}: {len(world.robots)} robots, {items} {words.items}, seed {world.seed}")
-    _add_legend(figure, _legend(found, few=few), 3)
+    symbols, ids = glyphs.item_marks(world.task.declaration), [body.id for body in world.robots]
+    items = initial_marks(world)
+    for mark in items:
+        colour = style.robot_colour(ids, mark.owner, mark.by)
+        if mark.key in found.out_of_reach:
+            axes.plot(mark.x, mark.y, marker="X", ms=8.0, mfc="w", mec=colour, mew=1.3, zorder=5)
+        elif mark.state in symbols:
+            marks.plot(axes, symbols[mark.state], mark.x, mark.y, colour, size=4.6 if few else 2.6)
+    count, words = sum(len(body.items) for body in world.robots), world.task.declaration
+    _set_title(axes, f"{found.name}: {len(world.robots)} robots, {count} {words.items}, seed {world.seed}")
+    states = {mark.state for mark in items}
+    shown = [mark for state, mark in symbols.items() if state in states]
+    _add_legend(figure, _legend(found, shown, few=few), 3)
     return figure
 
 
@@ -72,8 +81,8 @@ def _floor_figure(found: MapSurvey) -> tuple[Figure, Axes]:
     return figure, axes
 
 
-def _floor_legend(found: MapSurvey) -> list[Line2D | Patch]:
-    handles: list[Line2D | Patch] = [
+def _floor_legend(found: MapSurvey) -> list[Artist]:
+    handles: list[Artist] = [
         Patch(color=floor_picture.DOOR, label="narrow place: robots cannot pass each other")
     ]
     if ((found.parts.labels > 0) & ~found.reached).any():
@@ -85,7 +94,7 @@ def _set_title(axes: Axes, text: str) -> None:
     axes.set_title(text, loc="left", fontweight="bold", fontsize=10)
 
 
-def _add_legend(figure: Figure, handles: list[Line2D | Patch], columns: int) -> None:
+def _add_legend(figure: Figure, handles: list[Artist], columns: int) -> None:
     figure.legend(handles=handles, loc="outside lower center", ncols=columns, fontsize=7, frameon=False)
 
 
@@ -120,12 +129,11 @@ def _lattice(grid: OccupancyGrid) -> tuple[NDArray[np.float64], NDArray[np.float
     return x, y
 
 
-def _legend(found: ScenarioSurvey, *, few: bool) -> list[Line2D | Patch]:
-    task = found.resolved.world.task.declaration
-    handles: list[Line2D | Patch] = [
+def _legend(found: ScenarioSurvey, shown: Sequence[Mark], *, few: bool) -> list[Artist]:
+    handles: list[Artist] = [
         Line2D([], [], marker="o", ls="", ms=8, color=style.INK, label="start of a robot"),
-        Line2D([], [], marker="o", ls="", mfc="w", mec=style.INK, label=f"{task.item} to be {task.done}"),
     ]
+    handles += [marks.legend_entry(mark) for mark in shown]
     if few:
         label = "half of the longest frames from the start arrive up to here"
         handles.append(Line2D([], [], ls="dotted", lw=0.8, color=style.INK, label=label))
@@ -161,7 +169,7 @@ def draw_model(model: RobotModel) -> Figure:
         axes.grid(alpha=0.25, lw=0.5)
     _set_title(near, model.name)
     _set_title(far, f"sensor {model.default_sensor}")
-    handles: list[Line2D | Patch] = [
+    handles: list[Artist] = [
         Patch(color=_BODY, alpha=0.35, label="body; line: forward"),
         Line2D([], [], marker="^", ls="", color=style.INK, label="range sensor"),
         Patch(color=_VIEW, label="field of view"),

@@ -13,6 +13,7 @@ from deploy.scenario.scenario_file import Overrides, load_scenario
 from tests.in_process import acrc
 
 CHAPTER = ROOT / "scenarios" / "chapter.toml"
+NARROW = "narrow place: robots cannot pass each other"
 SHUT_IN = """
 map = "room.yaml"
 [robots]
@@ -47,7 +48,7 @@ def test_the_chapters_scenario_in_words_and_as_a_picture(tmp_path: Path) -> None
         "floor: 29.4 m by 14.8 m, of which a robot's centre can reach 120 m²; 7 regions, 5 narrow places",
         "navigation chapter, localisation chapter",
         "radio: half of the longest frames arrive at 10.0 m in line of sight",
-        "places r2/1 and r2/9 are 0.16 m apart: one visit cleans both",
+        "places r2/1 and r2/9 are 0.16 m apart: one visit may do both",
         str(picture),
     ]
     with Image.open(picture) as image:
@@ -61,12 +62,18 @@ def test_a_place_behind_a_wall_is_out_of_reach(tmp_path: Path) -> None:
     assert found.parts.doors == ()
     done = acrc("scenario", file)
     assert "warning: no path leads from the start of robot r1 at (1.00, 1.00) to place r1/1" in done.stdout
-    labels = [
-        handle.get_label()
-        for handle in scenario_picture.draw_scenario(found).legends[0].legend_handles
-        if handle
-    ]
-    assert {"out of reach", "wide enough for a robot, but no path"} <= set(labels)
+    assert {"out of reach", "wide enough for a robot, but no path"} <= legend_of(found)
+
+
+def legend_of(found: survey.ScenarioSurvey) -> set[str]:
+    handles = scenario_picture.draw_scenario(found).legends[0].legend_handles
+    return {str(handle.get_label()) for handle in handles if handle}
+
+
+def test_items_of_another_task_have_its_symbols() -> None:
+    found = survey.survey(resolve(load_scenario(ROOT / "scenarios" / "logistics.toml")))
+    told = legend_of(found)
+    assert {"station", "charger"} <= told and not any("place " in text for text in told - {NARROW})
 
 
 def test_the_link_margin_is_zero_at_the_range_and_lower_behind_walls() -> None:
