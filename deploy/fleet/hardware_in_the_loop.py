@@ -27,6 +27,7 @@ from actors.runtime.isolation.credentials import unix_endpoint
 from actors.runtime.isolation.sandbox import print_warning
 from actors.runtime.process_setup import SETUP
 from actors.runtime.zenoh_bus import ZenohBus, open_mesh
+from actors.user_code import FINDER
 from deploy.fleet import onboard_processes as layout
 from deploy.fleet.collect import collect
 from deploy.fleet.onboard_processes import OnboardRobot, Ports
@@ -128,7 +129,8 @@ class _EmulatedDevices(Supervisor):
         self._folder = folder
         models = {str(path): file for path, file in plan.scenario.models}
         world = relative_world_setup(plan, lambda robot: f"../{models[str(Path(robot.model))]}")
-        setup = LaboratorySetup(world, relative_radio_setup(plan), simulated)
+        modules = tuple(map(str, FINDER.task_folders))
+        setup = LaboratorySetup(world, relative_radio_setup(plan), simulated, modules)
         (folder / SETUP).write_bytes(typed_json.dump(setup))
 
     def start_devices(self) -> None:

@@ -28,6 +28,7 @@ from actors.runtime.errors import AcrcError
 from actors.runtime.linux import die_with_parent
 from actors.runtime.process_setup import ArgumentParser
 from actors.runtime.processor import fingerprints
+from actors.user_code import set_task_folders
 from actors.world import drive, odometry, rays
 from actors.world.physics import SUBSTEP
 from firmware_bridge.beeclick.answer_decoder import FIRST_CHANNEL
@@ -230,6 +231,7 @@ def main(argv: Sequence[str]) -> int:
 def _build(setup: LaboratorySetup, links: Path) -> tuple[Laboratory, EmulatedLines]:
     if not setup.world.robots:
         raise AcrcError("laboratory set-up has no robots; add at least one")
+    set_task_folders([Path(folder) for folder in setup.modules])
     ports = [DevicePort(robot.id, device) for robot in setup.world.robots for device in DEVICES]
     noise = generator(setup.world.seed, "laboratory lines", "")
     return Laboratory(setup), EmulatedLines(links, ports, noise)

@@ -67,6 +67,8 @@ class LaboratorySetup(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """Radio medium, as in a simulated run; boards get their addresses from their hosts."""
     without_board: tuple[str, ...] = ()
     """Robots with a simulated transceiver instead of a board."""
+    modules: tuple[str, ...] = ()
+    """Folders from which the task may be loaded, which the user has named on the command line."""
 
     def __post_init__(self) -> None:
         robots = [robot.id for robot in self.world.robots]
