@@ -101,9 +101,9 @@ def run(
     overrides = Overrides(
         robots=robots, seed=seed, duration=duration, strategy=strategy, navigation=navigation, settings=own
     )
-    place = Path(out) if out is not None else Path("runs", run_folder_name(file, strategy))
+    folder = Path(out) if out is not None else Path("runs", run_folder_name(file, strategy))
     options = RunOptions(
-        place, bus=bus, record=record, scenario=file.name, hidden=(file.absolute(),), json=True
+        folder, bus=bus, record=record, scenario=file.name, hidden=(file.absolute(),), json=True
     )
     prepared = prepare_run(file, overrides, options, permit_of([*map(Path, modules)], trust=trust))
     if out is None:

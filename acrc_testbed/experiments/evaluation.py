@@ -24,7 +24,6 @@ from acrc_testbed.experiments.metrics import (
     OWN,
     by_rank,
     known_values,
-    task_metrics,
     total_of,
     values,
 )
@@ -195,9 +194,7 @@ def summary_sentences(records: Iterable[TrialRecord]) -> Iterator[str]:
         if record.result is not None:
             groups.setdefault((where, record.strategy), []).append(record.result)
     for (where, strategy), runs in groups.items():
-        task = runs[0].declaration
-        metrics = [task_metrics(task)[one.name] for one in task.metrics]
-        parts = [text for one in metrics if (text := _summary_text(one, runs))]
+        parts = [text for one in runs[0].declaration.metrics if (text := _summary_text(one, runs))]
         yield f"{strategy}{where}: {', '.join(parts)}, {sum(run.contacts or 0 for run in runs)} contacts"
 
 

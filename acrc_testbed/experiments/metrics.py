@@ -35,8 +35,6 @@ COMMON: Final = (
     Metric("energy", "energy used by all robots", "J", "energy_j", "less"),
 )
 """Metrics of every task."""
-_TASK: Final = "task"
-"""Prefix of the columns of a task's metrics: the field of a result with the task's values."""
 _OUTCOME: Final = "outcome"
 """Prefix of values returned by a strategy's outcome()."""
 OWN: Final = "metrics"
@@ -80,16 +78,8 @@ class MetricTable(Settings, frozen=True):
 
 def task_metrics(task: TaskDeclaration) -> dict[str, Metric]:
     """Return the metrics of a task and those of every task by name, in order of display."""
-    own = [
-        one._replace(
-            column=f"{_TASK}.{one.column}",
-            total=one.total and f"{_TASK}.{one.total}",
-            reported=one.reported and f"{_TASK}.{one.reported}",
-        )
-        for one in task.metrics
-    ]
-    order = Metric(LEXICOGRAPHIC, ", then ".join(one.description for one in by_rank(own)), "", "")
-    return {one.name: one for one in (*own, order, *COMMON)}
+    order = Metric(LEXICOGRAPHIC, ", then ".join(one.description for one in by_rank(task.metrics)), "", "")
+    return {one.name: one for one in (*task.metrics, order, *COMMON)}
 
 
 def check_names(tables: Sequence[MetricTable], task: TaskDeclaration) -> None:
@@ -162,11 +152,12 @@ def is_full(metric: Metric, run: RunResult) -> bool:
 
 
 def _cell(column: str, run: RunResult) -> Any:
+    """Return a field of the result, a value in one of its tables, or else a value of the task."""
     head, _, key = column.partition(".")
+    if head not in run.__struct_fields__:
+        return run.task.get(column, math.nan)
     found: Any = getattr(run, head)
-    if not key:
-        return found
-    return (outcome_means(found) if head == _OUTCOME else found or {}).get(key, math.nan)
+    return (outcome_means(found) if head == _OUTCOME else found or {}).get(key, math.nan) if key else found
 
 
 def values(metric: Metric, runs: Iterable[Run], until: float) -> list[float]:

@@ -203,8 +203,8 @@ def holm(p_values: Sequence[float]) -> list[float]:
     """
     adjusted = [1.0] * len(p_values)
     largest = 0.0
-    for place, index in enumerate(sorted(range(len(p_values)), key=lambda index: p_values[index])):
-        largest = max(largest, min(1.0, (len(p_values) - place) * p_values[index]))
+    for rank, index in enumerate(sorted(range(len(p_values)), key=lambda index: p_values[index])):
+        largest = max(largest, min(1.0, (len(p_values) - rank) * p_values[index]))
         adjusted[index] = largest
     return adjusted
 
@@ -331,8 +331,8 @@ def _two_sided_bound(density: Floats, probability: float, step: float) -> float:
     if probability <= 0.0:
         return float(_GRID[-1])
     outside = 2.0 * np.cumsum(density[::-1])[: _GRID.size // 2] * step  # both tails, from the outside
-    place = int(np.searchsorted(outside, probability))
-    if place == 0:
+    index = int(np.searchsorted(outside, probability))
+    if index == 0:
         return float(_GRID[-1])
-    share = (probability - outside[place - 1]) / (outside[place] - outside[place - 1])
-    return float(_GRID[::-1][place - 1] - (share + 0.5) * step)
+    share = (probability - outside[index - 1]) / (outside[index] - outside[index - 1])
+    return float(_GRID[::-1][index - 1] - (share + 0.5) * step)

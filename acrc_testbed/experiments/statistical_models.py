@@ -159,8 +159,8 @@ class SurvivalCurve:
 
     def share_at(self, time: float) -> float:
         """Return the share not complete at a time."""
-        place = int(np.searchsorted(self.times, time, side="right"))
-        return 1.0 if place == 0 else float(self.shares[place - 1])
+        index = int(np.searchsorted(self.times, time, side="right"))
+        return 1.0 if index == 0 else float(self.shares[index - 1])
 
 
 def kaplan_meier(runs: Sequence[Completion]) -> SurvivalCurve:
@@ -196,7 +196,7 @@ def restricted_mean(runs: Sequence[Completion], horizon: float) -> Interval:
     count = len(runs)
     if count < 2:
         return mean_interval([value])
-    others = [_area(np.delete(at, place), np.delete(done, place), horizon) for place in range(count)]
+    others = [_area(np.delete(at, index), np.delete(done, index), horizon) for index in range(count)]
     found = mean_interval(count * value - (count - 1) * np.array(others))
     half = found.high - found.value
     return Interval(value, max(value - half, 0.0), min(value + half, horizon))

@@ -22,9 +22,8 @@ from actors.randomness import generator
 from actors.robot.behaviour.code_permit import Permit, permitted_folders
 from actors.robot_model import OdometryKind, load_model
 from actors.runtime.errors import AcrcError
-from actors.settings import plain, read_text, toml_tables
+from actors.settings import plain
 from actors.task.loading import task_setup
-from actors.task.task import TaskDeclaration
 from actors.user_code import set_folders
 from cleaning.strategies import entry
 from deploy.scenario.events import item_area_tables, scenario_task
@@ -87,7 +86,7 @@ def common_conditions(scenario: Scenario) -> str | None:
         phrase
         for phrase, is_so in (
             (
-                f"the {scenario_task(scenario)[0].declaration.items} are the same",
+                f"the {scenario.table} are the same",
                 bool(_drawn_items(scenario))
                 or {robot.id for robot in scenario.robot if robot.items is not None} >= {*scenario.ids},
             ),
@@ -280,7 +279,7 @@ _KINDS: Final[Mapping[str, Callable[[_Sampler], list[Event] | dict[str, Any]]]] 
 
 
 _SCENARIO: Final = SHIPPED / "scenarios" / "chapter.toml"
-_STRATEGIES: Final = ("none", "chapter")
+_STRATEGIES: Final = "none,chapter"
 PRESETS: Final = {"chapter": SHIPPED / "studies" / "chapter.toml"}
 """Shipped studies by name."""
 
@@ -327,12 +326,13 @@ def make_study(options: StudyOptions) -> Study:
     else:
         scenario = options.scenario or _SCENARIO
         task = task_declaration(scenario, tuple(own))
-        named = options.strategies.split(",") if options.strategies else _default_strategies(scenario, task)
+        names = _STRATEGIES if task.baseline in _STRATEGIES else task.baseline
+        named = (name for name in (options.strategies or names).split(",") if name)
         study = Study(
             name=scenario.stem,
             task=task,
             scenario=str(scenario.resolve()),
-            strategies=tuple(dict.fromkeys(filter(None, named))),
+            strategies=tuple(dict.fromkeys(named)),
             seeds=10,
             tuning=options.tuning,
         )
@@ -344,14 +344,6 @@ def make_study(options: StudyOptions) -> Study:
         seeds=options.seeds or study.seeds,
         isolated=study.isolated or options.isolate,
     )
-
-
-def _default_strategies(scenario: Path, task: TaskDeclaration) -> Sequence[str]:
-    """Return the strategies to compare: the task's baseline and the scenario's strategy."""
-    if task.baseline in _STRATEGIES:
-        return _STRATEGIES
-    run = toml_tables(read_text(scenario, "scenario"), scenario).get("run")
-    return task.baseline, str(run.get("strategy", "")) if isinstance(run, Mapping) else ""
 
 
 def study_path(options: StudyOptions) -> Path | None:

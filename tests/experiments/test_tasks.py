@@ -206,7 +206,6 @@ def test_a_study_has_one_task(folder: Path) -> None:
         load_study(path)
 
 
-def test_names_of_a_tasks_columns_are_its_own() -> None:
+def test_the_order_of_ranks_is_described() -> None:
     metrics = task_metrics(DELIVERY)
-    assert (metrics["late"].column, metrics["delivered"].total) == ("task.late", "task.all")
     assert metrics["lexicographic"].description == "delivered orders, then late orders"

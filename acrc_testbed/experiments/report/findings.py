@@ -315,7 +315,7 @@ def _upper_bounds(view: ReportView) -> Iterator[str]:
 
 def _ceiling_and_floor(view: ReportView) -> Iterator[str]:
     """Yield caveats on ceiling and floor effects."""
-    for metric in view.task_metrics:
+    for metric in view.task.metrics:
         full = [
             f"{view.row_name(group)} ({count} of {len(group.results)})"
             for group in view.groups
@@ -361,7 +361,7 @@ def _deadlock_caveats(view: ReportView) -> Iterator[str]:
 
 
 def _fault_caveats(view: ReportView, group: Group) -> Iterator[str]:
-    for metric in (one for one in view.task_metrics if one.reported):
+    for metric in (one for one in view.task.metrics if one.reported):
         known = [run for run in group.results if known_values(metric, (run,))]
         reported = sum(known_values(metric._replace(column=metric.reported), known))
         if false := reported - sum(known_values(metric, known)):

@@ -15,6 +15,7 @@ from acrc_testbed.experiments.report.report_view import (
     ReportView,
     Row,
     RunSource,
+    is_known,
     metric_value,
     read_sources,
     strategy_label,
@@ -162,9 +163,10 @@ def _run_row(view: ReportView, condition: str, record: TrialRecord) -> Row:
         "navigation": run.origin.navigation or None if run is not None and simulated else None,
         "seed": None if condition == REAL else str(record.seed),
     }
-    for one in view.task_metrics:
-        value = None if run is None else metric_value(one, run)
-        cells[sections.titled(one)] = value.at if value is not None and value.done else None
+    for one in view.task.metrics:
+        cells[sections.titled(one)] = None
+        if run is not None and is_known(one, (run,)) and metric_value(one, run).done:
+            cells[sections.titled(one)] = metric_value(one, run).at
         if one.total:
             cells[f"{one.name}, total"] = None if run is None else total_of(one, run)
     return cells | {

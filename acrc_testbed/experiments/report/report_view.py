@@ -12,7 +12,7 @@ from typing import Final, TypeVar
 from matplotlib.figure import Figure
 
 from acrc_testbed.experiments.evaluation import CampaignEvaluation, evaluate
-from acrc_testbed.experiments.metrics import task_metrics, value_of
+from acrc_testbed.experiments.metrics import value_of
 from acrc_testbed.experiments.paired_tests import Interval
 from acrc_testbed.experiments.report import charts
 from acrc_testbed.experiments.report.charts import SeriesStyle
@@ -127,17 +127,20 @@ def _run_source(folder: Path, name: str) -> RunSource:
     return RunSource(name, (TrialRecord(origin.strategy or name, result.seed, {}, result),), (condition,))
 
 
-def metric_value(metric: Metric, run: RunResult) -> Completion | None:
+def metric_value(metric: Metric, run: RunResult) -> Completion:
     """Return the value of a run; an event is censored at its end.
 
-    Without ground truth, the value that robots reported; None if unknown.
+    Without ground truth, the value that robots reported; NaN if unknown.
     """
     value = value_of(metric, run)
     if value is not None and math.isnan(value) and metric.reported:
         value = value_of(metric._replace(column=metric.reported), run)
-    if value is None:
-        return Completion(run.length_s, False)
-    return None if math.isnan(value) else Completion(value, True)
+    return Completion(run.length_s, False) if value is None else Completion(value, True)
+
+
+def is_known(metric: Metric, runs: Iterable[RunResult]) -> bool:
+    """Return whether the metric has a value in all runs."""
+    return not any(math.isnan(metric_value(metric, run).at) for run in runs)
 
 
 @dataclass(frozen=True, eq=False)
@@ -176,8 +179,6 @@ class ReportView:
         self.out = out
         sources = list(sources)
         self.task = sources[0].task
-        self.task_metrics = [task_metrics(self.task)[one.name] for one in self.task.metrics]
-        """Metrics that the task declares."""
         self.metrics = {
             one.name: one.metric() for source in sources if source.study for one in source.study.metric
         }

@@ -17,6 +17,7 @@ from acrc_testbed.experiments.report.report_view import (
     Group,
     ReportView,
     Row,
+    is_known,
     metric_value,
 )
 from acrc_testbed.experiments.statistical_models import Completion, kaplan_meier, restricted_mean
@@ -85,8 +86,8 @@ def _box_of(name: str, view: ReportView, group: Group, runs: Sequence[Completion
 
 def task_sections(view: ReportView) -> Iterator[PageSection]:
     """Yield the sections on the task's metrics: box plots of ranked ones, survival curves of events."""
-    for metric in view.task_metrics:
-        known = all(metric_value(metric, run) for group in view.groups for run in group.results)
+    for metric in view.task.metrics:
+        known = is_known(metric, (run for group in view.groups for run in group.results))
         if known and metric.rank is not None:
             yield _distribution(view, metric)
         if known and metric.event:
@@ -114,7 +115,7 @@ def _distribution(view: ReportView, metric: Metric) -> PageSection:
         return {"total": f"{known[0]:g}" + (f" to {known[-1]:g}" if len(known) > 1 else "")} if known else {}
 
     picture, table = _box_plot(
-        view, metric.name, lambda run: _known_value(metric, run), what=metric.description,
+        view, metric.name, lambda run: metric_value(metric, run), what=metric.description,
         unit=f" {metric.unit}".rstrip(), axis=titled(metric), table=titled(metric), more=more,
         limit=limit, near=not metric.event, caption=f"{titled(metric).capitalize()}, in each run.",
     )  # fmt: skip
@@ -124,12 +125,6 @@ def _distribution(view: ReportView, metric: Metric) -> PageSection:
     if metric.reported and any(run.contacts is None for run in runs):
         text.append("Values of real robots are as reported, without ground truth.")
     return PageSection(metric.description.capitalize(), (*text, _BOX), picture, (table,))
-
-
-def _known_value(metric: Metric, run: RunResult) -> Completion:
-    value = metric_value(metric, run)
-    assert value is not None
-    return value
 
 
 def _run_end(view: ReportView) -> tuple[float, str] | None:
@@ -142,7 +137,7 @@ def _survival(view: ReportView, metric: Metric) -> PageSection:
     """Return the section on when an event happened: Kaplan-Meier curves and their summary."""
     lengths = view.panels(lambda group: max(run.length_s for run in group.results))
     horizons = {condition: max(values) for condition, values in lengths.items()}
-    runs = {group: tuple(_known_value(metric, run) for run in group.results) for group in view.groups}
+    runs = {group: tuple(metric_value(metric, run) for run in group.results) for group in view.groups}
     done = {group: sum(run.done for run in group_runs) for group, group_runs in runs.items()}
     event, name = metric.event, metric.name if metric.rank is None else f"{metric.name}_share"
 
@@ -196,14 +191,14 @@ def robots(view: ReportView) -> PageSection | None:
     runs = [run for group in view.groups for run in group.results]
     metrics = [
         one
-        for one in view.task_metrics
-        if all(metric_value(one, _of_robot(run, robot)) for run in runs for robot in run.per_robot)
+        for one in view.task.metrics
+        if is_known(one, (_of_robot(run, robot) for run in runs for robot in run.per_robot))
     ]
     timed = [one for one in metrics if one.event]
 
     def values_of(group: Group, robot: str, metric: Metric) -> list[Completion]:
         own = (_of_robot(run, robot) for run in group.results if robot in run.per_robot)
-        return [_known_value(metric, run) for run in own]
+        return [metric_value(metric, run) for run in own]
 
     def rows(group: Group) -> Iterator[Row]:
         horizon = max(run.length_s for run in group.results)
@@ -242,7 +237,7 @@ def robots(view: ReportView) -> PageSection | None:
 
 
 def _of_robot(run: RunResult, robot: str) -> RunResult:
-    """Return the result with the values of one robot in place of those of the task."""
+    """Return the result with the values of one robot instead of those of the task."""
     return msgspec.structs.replace(run, task=run.per_robot[robot].task)
 
 
@@ -354,7 +349,7 @@ def costs(view: ReportView) -> PageSection:
     outcome_names = dict.fromkeys(
         name for group in view.groups for run in group.results for name in outcome_means(run.outcome)
     )
-    further = [one for one in view.task_metrics if one.rank is None and not one.event]
+    further = [one for one in view.task.metrics if one.rank is None and not one.event]
     own = map(_metric_cost, (*view.metrics.values(), *further))
     found = {
         (cost.description, group): [
