@@ -21,7 +21,7 @@ from acrc_testbed.results.result import (
     octet_rate,
     robot_reports,
 )
-from acrc_testbed.results.trial_judgement import TrialJudgement
+from acrc_testbed.results.trial_judgement import TrialVerdict
 from actors.instant import Duration, in_seconds
 from actors.messages import Drive, RadioEvents
 from actors.radio.frame import octets
@@ -34,7 +34,7 @@ if TYPE_CHECKING:
 def field_trial_result(
     trial: FieldTrial,
     clocks: AlignedClocks,
-    judgement: TrialJudgement,
+    judgement: TrialVerdict,
     out: Path | None,
     truth: "LaboratoryResult | None" = None,
 ) -> RunResult:
@@ -81,7 +81,7 @@ def field_trial_result(
 def _robot(
     robot: str,
     trial: FieldTrial,
-    judgement: TrialJudgement,
+    judgement: TrialVerdict,
     frames: dict[str, int],
     clock: tuple[ClockReport, ...],
 ) -> RobotResult:

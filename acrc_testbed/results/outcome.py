@@ -176,9 +176,7 @@ def navigation_result(reports: Iterable[NavigationReport]) -> NavigationResult:
     )
 
 
-def write_items(
-    items: Iterable[Mapping[str, Value]], columns: Sequence[Column], path: Path
-) -> None:
+def write_items(items: Iterable[Mapping[str, Value]], columns: Sequence[Column], path: Path) -> None:
     """Write the task's table of items as CSV; empty fields for None."""
     with regular_file.atomic_replacement(path) as part, part.open("w", encoding="utf-8", newline="") as file:
         writer = csv.writer(file, lineterminator="\n")

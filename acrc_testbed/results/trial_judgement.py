@@ -27,7 +27,7 @@ _SWITCH_OFF: Final[Duration] = seconds(30)
 switched off one by one."""
 
 
-class TrialJudgement(NamedTuple):
+class TrialVerdict(NamedTuple):
     """Outcome of a field trial's task, and its course."""
 
     declaration: TaskDeclaration
@@ -59,7 +59,7 @@ class _TimedPart(NamedTuple):
 
 def judge_reports(
     trial: FieldTrial, clocks: AlignedClocks, truth: "LaboratoryResult | None" = None
-) -> TrialJudgement:
+) -> TrialVerdict:
     """Run the judge of the trial's task over the robots' reports, and over true positions if they are known.
 
     Raises AcrcError for a task that is neither installed nor permitted, and FieldTrialError for the ground
@@ -97,17 +97,17 @@ def judge_reports(
     notes = [f"{len(faults)} reports are left out; the first: {faults[0]}"] if faults else []
     if truth is not None and truth.lost_ms:
         notes.append(f"the emulation fell behind, so the true instants are early by up to {truth.lost_ms} ms")
-    return TrialJudgement(setup.declaration, outcome, tuple(changes), tuple(notes))
+    return TrialVerdict(setup.declaration, outcome, tuple(changes), tuple(notes))
 
 
-def judge_if_loadable(trial: FieldTrial, clocks: AlignedClocks) -> TrialJudgement:
+def judge_if_loadable(trial: FieldTrial, clocks: AlignedClocks) -> TrialVerdict:
     """Return the judgement; if the task cannot be loaded, its recorded declaration and a note."""
     try:
         return judge_reports(trial, clocks)
     except TaskError as error:
         if trial.task.declaration is None:
             raise
-        return TrialJudgement(trial.task.declaration, TaskOutcome("", {}, {}), (), (str(error),))
+        return TrialVerdict(trial.task.declaration, TaskOutcome("", {}, {}), (), (str(error),))
 
 
 def _parts(trial: FieldTrial, clocks: AlignedClocks, task: Task, faults: list[str]) -> Iterator[_TimedPart]:
