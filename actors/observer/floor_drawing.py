@@ -28,19 +28,17 @@ from actors.task.task import TaskDeclaration
 Floats = NDArray[np.float64]
 _ADOPTION_S: Final = 6.0
 """How long the arrow of an adoption is shown, s."""
-_CROSS: Final = ((-1, -1), (1, 1)), ((-1, 1), (1, -1))
-_OUTLINES: Final[Mapping[str, Any]] = {
+_CROSS: Final = [3, 15], [9, 21]
+_OUTLINES: Final[Mapping[str, Sequence[list[int]]]] = {
     "cross": _CROSS,
     "heavy cross": _CROSS,
-    "diamond": [((0, -1.3), (1.3, 0), (0, 1.3), (-1.3, 0), (0, -1.3))],
-    "square": [((-1, -1), (1, -1), (1, 1), (-1, 1), (-1, -1))],
-    "triangle": [((-1, 1), (1, 1), (0, -1), (-1, 1))],
-    "tick": [((0, -1), (0, 1))],
-    "snowflake": [((-1, 0), (1, 0)), ((-0.5, -0.87), (0.5, 0.87)), ((-0.5, 0.87), (0.5, -0.87))],
-    "filled ring": [CIRCLE, CIRCLE * 0.5],
-    "soft ring": [CIRCLE, CIRCLE * 0.5],
+    "diamond": [[0, 6, 12, 18, 0]],
+    "square": [[3, 9, 15, 21, 3]],
+    "triangle": [[18, 2, 10, 18]],
+    "tick": [[6, 18]],
+    "snowflake": [[0, 12], [4, 16], [8, 20]],
 }
-"""Lines of symbols, by symbol; others are rings."""
+"""Lines of symbols, by symbol, as indices in CIRCLE; others are rings."""
 DrawnItem = tuple[float, float, str, str, tuple[str, ...]]
 """x, y, m, map frame; state; robot responsible for the state; robots that plan to do it."""
 
@@ -74,9 +72,9 @@ def _item_lines(
     if symbol == "disc":
         yield ring(x, y, 0.05, ITEM), own if is_open else faded(own, 0.55), 0.05
         return
-    for outline in _OUTLINES.get(symbol, (CIRCLE,)):
-        points = np.array(outline) * (0.15 if is_open else 0.12) + (x, y)
-        yield at_height(points, ITEM), own if is_open else GREY, -3.0 if symbol == "heavy cross" else -1.5
+    circle = ring(x, y, 0.15 if is_open else 0.17, ITEM)
+    for outline in _OUTLINES.get(symbol, [[*range(len(circle))]]):
+        yield circle[outline], own if is_open else GREY, -3.0 if symbol == "heavy cross" else -1.5
     others = [robot for robot in holders if robot != owner] if is_open else []
     for number, robot in enumerate(others):
         yield ring(x, y, 0.24 + 0.08 * number, ITEM), canvas.colour(robot), -1.5

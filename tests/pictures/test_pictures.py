@@ -17,15 +17,15 @@ from matplotlib.text import Text
 from PIL import Image
 
 from acrc_testbed.command_line import visualisation
-from acrc_testbed.picture import floor_picture, run_html, run_movie, run_page, style
+from acrc_testbed.picture import floor_picture, marks, run_html, run_movie, run_page, style
 from acrc_testbed.run_model.data import RunData
 from acrc_testbed.run_model.simulated_runs import read_run
 from actors.installation.usage import OptionError
 from actors.messages import ItemMark, TaskEvent
-from actors.observer import glyphs
-from actors.observer.glyphs import CAUSE_GLYPHS, MARKS, contrast, hexadecimal
+from actors.observer import floor_drawing, glyphs
+from actors.observer.glyphs import CAUSE_GLYPHS, MARKS, Mark, contrast, hexadecimal
 from actors.runtime.errors import AcrcError
-from actors.task.task import Column, MarkStyle, Metric, TaskDeclaration
+from actors.task.task import SYMBOLS, Column, MarkStyle, Metric, TaskDeclaration
 from deploy.run import start
 from tests.in_process import acrc
 
@@ -222,6 +222,13 @@ def test_a_run_of_any_task_is_drawn_by_its_declaration(evidence: RunData, tmp_pa
     assert "<td>&lt;a&gt;</td>" in page and "0.50</td>" in page
     assert not re.search("<[iubs]>", page)
     run_movie.write(run, tmp_path / "m.gif", 200.0)
+
+
+def test_each_symbol_has_its_own_form_in_pictures_and_in_the_viewer() -> None:
+    forms = {str(marks.line_style(Mark(one, None, ""), "#000000", 5.0, "")) for one in SYMBOLS}
+    assert len(forms) == len(SYMBOLS)
+    assert {*SYMBOLS} - {"ring", "disc", "filled ring", "soft ring"} == {*floor_drawing._OUTLINES}
+    assert {*SYMBOLS} <= {*floor_drawing._SIGNS}
 
 
 def legend_texts(axes: Axes) -> list[Text]:

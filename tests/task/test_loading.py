@@ -39,6 +39,9 @@ class Unsendable(Task):
 class Unmarked(Task):
     declaration = declared(RANKED, marks={"open": MarkStyle("heart", "an item")})
 
+class Colourless(Task):
+    declaration = declared(RANKED, causes={"resting": ("grey", "")})
+
 class Broken(Task):
     declaration = declared(RANKED)
     def __init__(self):
@@ -67,6 +70,7 @@ def folder(tmp_path: Path) -> Path:
          "declares no metric with a rank; must have at least one, by which runs are compared"),
         ("idle_task:Twice", "declares the metrics waited, waited; their names must be unique"),
         ("idle_task:Unmarked", "declares 'open' with the symbol 'heart'; must be one of "),
+        ("idle_task:Colourless", "declares the cause 'resting' as ('grey', ''); must have a colour such as "),
         ("idle_task:NoTask", "is <class 'idle_task.NoTask'>; must be a subclass of actors.task.Task"),
         ("idle_task:Broken", "cannot be created: ValueError: not today (idle_task.py:"),
         ("idle_task:Nothing", "module 'idle_task' has no 'Nothing'; did you mean Task?"),
