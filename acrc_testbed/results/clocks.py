@@ -138,13 +138,13 @@ class AlignedClocks:
         for number, (segment, fit) in enumerate(zip(self._segments, fits, strict=True)):
             segment.frames, segment.is_aligned = fit.frames, fit.group == reference
             connected = [
-                place
-                for place, other in enumerate(fits)
-                if other.group == reference and self._segments[place].robot == segment.robot
+                index
+                for index, other in enumerate(fits)
+                if other.group == reference and self._segments[index].robot == segment.robot
             ]
             segment.fit = fit._replace(origin=segment.first, ahead=0, offset=0.0, drift_ppm=0.0)
             if connected:
-                segment.fit = fits[min(connected, key=lambda place: abs(place - number))]
+                segment.fit = fits[min(connected, key=lambda index: abs(index - number))]
         return self._segments[reference]
 
     def _note_unaligned(self, robot: str) -> None:

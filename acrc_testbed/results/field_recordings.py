@@ -320,8 +320,8 @@ def _recordings(folders: Iterable[Path]) -> list[Path]:
                 f"{folder}: no such folder; give a robot's folder or one that contains robots' folders"
             )
         own = sorted(folder.glob("*.mcap"))
-        place = folder.absolute()
-        siblings = sorted(place.parent.glob(f"{_escaped_pattern(place.name)}.*/*.mcap")) if own else []
+        resolved = folder.absolute()
+        siblings = sorted(resolved.parent.glob(f"{_escaped_pattern(resolved.name)}.*/*.mcap")) if own else []
         inside = sorted(folder.glob("*/*.mcap"))
         if not own and not inside:
             raise FieldTrialError(f"{folder}: no recordings (*.mcap or */*.mcap)")

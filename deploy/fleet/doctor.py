@@ -299,7 +299,7 @@ def _check_start(fleet: Fleet, robot: FleetRobot, grid: OccupancyGrid, radii: Ma
             raise AcrcError(
                 f"{robot.id} starts {distance:.2f} m from {other.id}, must be at least {minimum:.2f} m"
             )
-    return f"({here.x:g}, {here.y:g}) is free; place {robot.id} there before switching it on"
+    return f"({here.x:g}, {here.y:g}) is free; put {robot.id} there before switching it on"
 
 
 def _check_items(fleet: Fleet, robot: FleetRobot, grid: OccupancyGrid) -> str:

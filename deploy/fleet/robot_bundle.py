@@ -73,7 +73,7 @@ def write_bundle(
     for found in list(doctor.check_configuration(fleet, robot, permit)):
         if not found.ok:
             raise AcrcError(f"{found.subject}: {found.text}")
-    code, (configuration, place) = _strategy_files(fleet, permit), _configuration(fleet, robot)
+    code, (configuration, path) = _strategy_files(fleet, permit), _configuration(fleet, robot)
     files = {**_program(root), **code, **configuration}
     files[COMMIT] = (f"{software_version()}\n".encode(), 0o644)
     files |= _wheels((root / "constraints.txt").read_text(), machine, python)
@@ -85,7 +85,7 @@ def write_bundle(
     lacks = ", ".join(added.read_text().split()) if code and added.is_file() else ""
     digest = hashlib.sha256(content).hexdigest()
     return RobotBundle(
-        out, name, machine, python, fleet=place, own_code=bool(code), files=len(files), bytes=len(content),
+        out, name, machine, python, fleet=path, own_code=bool(code), files=len(files), bytes=len(content),
         sha256=digest, lacks=lacks,
     )  # fmt: skip
 
@@ -149,7 +149,7 @@ def _wheels(constraints: str, machine: str, python: str) -> _Files:
     return {**files, "wheels/computer": (f"{MACHINES[machine]} {python}\n".encode(), 0o644)}
 
 
-def download(place: Path, pinned: Sequence[str], machine: str, python: str) -> None:
+def download(path: Path, pinned: Sequence[str], machine: str, python: str) -> None:
     """Download wheels for another computer with the local pip configuration. Raises AcrcError."""
     names = [f"{one}_{MACHINES[machine]}" for one in _PLATFORMS]
     platforms = [word for name in (*names, "any") for word in ("--platform", name)]
@@ -161,7 +161,7 @@ def download(place: Path, pinned: Sequence[str], machine: str, python: str) -> N
             _run(
                 str(pip / "bin" / "python"), "-P", "-m", "pip", "--disable-pip-version-check", "-q",
                 "download", "--only-binary", ":all:", "--no-deps", "--require-hashes",
-                "--python-version", python, *platforms, "-r", str(listed), "-d", str(place),
+                "--python-version", python, *platforms, "-r", str(listed), "-d", str(path),
             )  # fmt: skip
         except AcrcError as error:
             raise AcrcError(

@@ -36,8 +36,8 @@ def dask_address(address: str, option: str = "--on") -> str:
     Raises OptionError, see `check_address`.
     """
     check_address(address, option)
-    scheme, _, place = address.partition("://")
-    return f"{'tls' if scheme.endswith('tls') else 'tcp'}://{place}"
+    scheme, _, location = address.partition("://")
+    return f"{'tls' if scheme.endswith('tls') else 'tcp'}://{location}"
 
 
 def host_and_port(address: str) -> tuple[str, int]:
@@ -48,8 +48,8 @@ def host_and_port(address: str) -> tuple[str, int]:
 
 def is_safe(address: str) -> bool:
     """Return whether an address has TLS, or is only reachable from this computer."""
-    scheme, _, place = address.partition("://")
-    host = place.rpartition(":")[0].strip("[]")
+    scheme, _, location = address.partition("://")
+    host = location.rpartition(":")[0].strip("[]")
     if scheme in {"tls", "dask+tls", "inproc"} or host == "localhost":
         return True
     try:
@@ -72,8 +72,8 @@ def parse_listen(word: str) -> tuple[str, int]:
 
 def local_address(address: str) -> str:
     """Return the address of this computer on its route to the scheduler at `address`."""
-    place = host_and_port(address)
-    family, kind, proto, _, peer_address = socket.getaddrinfo(*place, type=socket.SOCK_DGRAM)[0]
+    location = host_and_port(address)
+    family, kind, proto, _, peer_address = socket.getaddrinfo(*location, type=socket.SOCK_DGRAM)[0]
     with socket.socket(family, kind, proto) as probe:
         probe.connect(peer_address)  # sends nothing: a datagram socket
         return str(probe.getsockname()[0])

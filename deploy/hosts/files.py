@@ -63,31 +63,31 @@ class HostFile(msgspec.Struct, frozen=True):
 def list_files(folder: str, run: str) -> bytes:
     """Return the list of HostFiles in a run's folder, as JSON; empty without folder. Raises AcrcError."""
     found: list[HostFile] = []
-    if (place := _robots_folder(folder, run)) is None:
+    if (home := _robots_folder(folder, run)) is None:
         return msgspec.json.encode(found)
-    for path in sorted(place.glob("*/*")):
-        name = path.relative_to(place).as_posix()
+    for path in sorted(home.glob("*/*")):
+        name = path.relative_to(home).as_posix()
         if is_recording_name(name) and path.is_file() and not path.is_symlink():
             found.append(HostFile(name, *regular_file.size_and_sha256(path)))
     if len(found) > MAX_FILES:
-        raise AcrcError(f"{place} has {len(found)} recordings and logs; at most {MAX_FILES} are fetched")
+        raise AcrcError(f"{home} has {len(found)} recordings and logs; at most {MAX_FILES} are fetched")
     return msgspec.json.encode(found)
 
 
 def read_piece(folder: str, run: str, name: str, offset: int) -> bytes:
     """Return up to MAX_PIECE_BYTES of a file from `offset` on. Raises AcrcError."""
-    place = _robots_folder(folder, run)
-    if place is None or not is_recording_name(name):
+    home = _robots_folder(folder, run)
+    if home is None or not is_recording_name(name):
         raise AcrcError(f"{name[:200]!r} is not a recording")
-    with regular_file.open_regular(place / name, links=False) as file:
+    with regular_file.open_regular(home / name, links=False) as file:
         file.seek(offset)
         return file.read(MAX_PIECE_BYTES)
 
 
 def remove_folder(folder: str, run: str) -> None:
     """Remove the run's folder if it exists. Raises AcrcError."""
-    if place := _robots_folder(folder, run):
-        shutil.rmtree(place.parent)
+    if home := _robots_folder(folder, run):
+        shutil.rmtree(home.parent)
 
 
 def is_recording_name(name: str) -> bool:
