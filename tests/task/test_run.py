@@ -2,6 +2,7 @@
 
 import csv
 import json
+import sys
 from pathlib import Path
 
 import pytest
@@ -160,7 +161,7 @@ def test_wrong_reports_end_the_run(
         "    return Reporter()\n"
     )
     monkeypatch.syspath_prepend(tmp_path)
-    monkeypatch.delitem(__import__("sys").modules, "reporting_of_test", raising=False)
+    monkeypatch.delitem(sys.modules, "reporting_of_test", raising=False)
     with pytest.raises(AcrcError) as caught:
         record(tmp_path / "run", SCENARIO, strategy="reporting_of_test:behaviour")
     assert sentence in str(caught.value) and "\n" not in str(caught.value)
