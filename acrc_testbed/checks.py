@@ -2,11 +2,11 @@
 
 import inspect
 import tempfile
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from os import PathLike
 from pathlib import Path
-from typing import Final, NamedTuple
+from typing import Any, Final, get_args
 
 import msgspec
 import numpy as np
@@ -14,19 +14,24 @@ import numpy as np
 from acrc_testbed.recordings.record_replay import RecheckError, recheck
 from acrc_testbed.results.result import RunResult
 from acrc_testbed.shipped import file_of
+from actors.installation.repository import SHIPPED
 from actors.instant import Instant, milliseconds
 from actors.messages import Drive
 from actors.robot.behaviour.code_permit import permit_of
 from actors.robot.behaviour.loading import entry_function
 from actors.runtime.errors import AcrcError
+from actors.task.loading import decode_items, load_task
 from actors.task.task import Task
 from actors.user_code import set_folders
-from cleaning.place import VisitReport
+from actors.wording import toml_text
+from actors.world.program import build
+from actors.world.world_setup import WorldSetup
 from cleaning.strategies import entry
 from deploy.run.options import RunOptions
 from deploy.run.start import PreparedRun, prepare_run, start_run
 from deploy.run.swarm_replay import divergence
-from deploy.scenario.scenario_file import Overrides
+from deploy.scenario.resolve import resolve
+from deploy.scenario.scenario_file import Overrides, load_scenario, parse
 from deploy.scenario.tables import EventTable
 
 _EVENTS: Final = (
@@ -114,9 +119,9 @@ def _run_findings(prepared: PreparedRun, folder: Path) -> Iterator[str]:
     third = _run(disturbed, folder / "disturbed")
     if isinstance(third, str):
         yield f"run with frozen and restarted robots and a lost frame: {third}"
-    elif third.places_lost:
+    elif lost := third.task.get("places_lost"):
         yield (
-            f"after a restart {third.places_lost} places are in no robot's route; "
+            f"after a restart {lost} places are in no robot's route; "
             "a restarted robot should plan to visit its own places again"
         )
 
@@ -132,69 +137,91 @@ def _run(prepared: PreparedRun, out: Path) -> RunResult | str:
 def _result_findings(result: RunResult) -> Iterator[str]:
     """Yield faults visible in the result of an undisturbed run."""
     yield from result.refused_reports
-    if result.places_lost:
-        yield f"{result.places_lost} places are in no robot's route and were neither reported nor given up"
+    if lost := result.task.get("places_lost"):
+        yield f"{lost} places are in no robot's route and were neither reported nor given up"
     for name in _DROPPED:
         if count := result.frames.get(name, 0):
             yield f"{name} is {count}: more frames sent than the radio accepts; publish less or less often"
 
 
-def check_task(make: Callable[[], Task], robots: Sequence[str] = ("r1", "r2")) -> list[str]:
-    """Check a task and return findings as sentences; `make` must return a new task at each call.
+def check_task(
+    task: str | type[Task],
+    *,
+    scenario: str | PathLike[str] | None = None,
+    settings: Mapping[str, object] | None = None,
+    reports: Sequence[object] = (),
+    modules: Sequence[str | PathLike[str]] = (),
+) -> list[str]:
+    """Check a task, given as for `[task] use` or as its class, and return findings as sentences.
 
-    Checked: its methods and their types; equal progress and outcome for equal inputs; an outcome that can be
-    written as JSON; wrong reports refused with a message instead of an exception.
+    Two judges get equal inputs for 5 s without a run: positions, reports, items, a restart. Checked: the
+    declaration, drawn items, types of all answers, columns of metrics, states of marks and kinds of events,
+    wrong reports, and equal answers of both judges (no clock, chance or shared state).
+
+    `scenario`: default: two robots on the corridor map; `settings`: values of the task's table; `reports`:
+    sent beside made-up ones; `modules`: folders with its code.
     """
+    folders = [Path(folder) for folder in modules]
+    if not isinstance(task, str):
+        folders.append(Path(inspect.getfile(task)).resolve().parents[task.__module__.count(".")])
+        task = f"{task.__module__}:{task.__qualname__}"
+    permit_of(folders)
     try:
-        first, second = _exercise(make(), robots), _exercise(make(), robots)
-    except Exception as error:  # any exception of user code is a finding
-        return [f"{type(error).__name__}: {error}"]
-    findings = [*first.findings]
-    if first.states != second.states:
-        step = next(
-            step
-            for step, (one, two) in enumerate(zip(first.states, second.states, strict=True))
-            if one != two
+        table = load_task(task).declaration.table
+        values = tuple((f"{table}.{name}", value) for name, value in (settings or {}).items())
+        overrides = Overrides(settings=values)
+        text = f"map = 'corridor.yaml'\nrobots.count = 2\nrun.strategy = 'none'\ntask.use = {toml_text(task)}"
+        read = (
+            parse(text, SHIPPED / "maps" / "check.toml", overrides)
+            if scenario is None
+            else load_scenario(file_of("scenarios", scenario), overrides)
         )
-        findings.append(
-            f"two tasks with equal inputs differ in step {step}: a task must depend on its inputs only"
-        )
-    return findings
+        world = resolve(read).world
+        first, second = (_judge_answers(world, reports) for _ in range(2))
+    except AcrcError as error:
+        return [str(error)]
+    for step, (one, two) in enumerate(zip(first, second, strict=True)):
+        if one != two:
+            return [f"two judges with equal inputs differ in step {step}: one answers {one}, the other {two}"]
+    return []
 
 
-class _TaskTrace(NamedTuple):
-    """States of a task over some steps, and faults of its answers."""
-
-    states: list[str]
-    findings: list[str]
-
-
-def _exercise(task: Task, robots: Sequence[str]) -> _TaskTrace:
-    """Feed positions, reports, a restart and a new place to a task; return its states."""
-    generator = np.random.default_rng(1)
-    states, findings = list[str](), set[str]()
+def _judge_answers(world: WorldSetup, reports: Sequence[object]) -> list[str]:
+    """Return the answers of the world's judge in each step, as text. Raises AcrcError for the first fault."""
+    task, judge, robots = load_task(world.task.use), build(world).judge, [one.id for one in world.robots]
+    positions, found = np.random.default_rng(1), list[str]()
+    made_up = (*_reports(task, robots[0], 0), *_reports(task, "nobody", 10**6))
+    sent = [(), *((one,) for one in (*reports, *made_up))]
     for step in range(_STEPS):
-        instant = Instant(step * milliseconds(100))
-        task.watch(instant, generator.uniform(0, 10, (len(robots), 2)))
-        for robot in robots:
-            claim = Drive(step, 0.0, 0.0, 0.0, 0, reports=(VisitReport(robot, step, instant),))
-            answers = [
-                task.take(robot, Drive(step, 0.0, 0.0, 0.0, 0)),
-                task.take(robot, claim),
-            ]
-            findings.update(
-                f"take() returned {answer!r}; must be None or a sentence"
-                for answer in answers
-                if answer is not None and not isinstance(answer, str)
-            )
+        begin = Instant(step * milliseconds(100))
+        judge.watch(begin, positions.uniform(0, 10, (len(robots), 2)))
+        drives = [Drive(step, 0.0, 0.0, 0.0, 0, reports=one) for one in sent]
+        end = begin + milliseconds(100)
+        answers = [judge.take(robot, drive, begin, end) for robot in robots for drive in drives]
         if step == _STEPS // 2:
-            task.restart(robots[0])
-            task.give(instant, robots[0], [(1.0, 1.0)])
-        if not isinstance(task.settled, bool):
-            findings.add(f"settled is {task.settled!r}; must be True or False")
-        states.append(repr((task.settled, task.progress(robots))))
+            judge.restart(robots[0])
+            answers.append(judge.give(begin, robots[0], decode_items(task, world.robots[0].items)))
+        found.append(repr((answers, judge.settled, judge.progress(robots), judge.take_changes())))
+    found.append(repr((judge.outcome(robots, Instant(world.duration_us)), judge.take_changes())))
+    return found
+
+
+def _reports(task: Task, text: str, number: int) -> Iterator[object]:
+    """Yield a report of each type of the task, with these values in fields without a default."""
+    for kind in get_args(task.report) or filter(None, (task.report,)):
+        required = [field for field in msgspec.structs.fields(kind) if field.required]
+        values: tuple[object, ...] = (text, number, float(number), True, None, (), {})
+        fitting = {
+            one.name: [value for value in (*get_args(one.type), *values) if _is_of(value, one.type)]
+            for one in required
+        }
+        if all(fitting.values()):
+            yield kind(**{name: choices[0] for name, choices in fitting.items()})
+
+
+def _is_of(value: object, kind: Any) -> bool:
     try:
-        states.append(msgspec.json.encode(task.outcome(robots)).decode())
-    except TypeError as error:
-        findings.add(f"outcome() cannot be written as JSON: {error}")
-    return _TaskTrace(states, sorted(findings))
+        msgspec.convert(value, kind)
+    except msgspec.ValidationError:
+        return False
+    return True

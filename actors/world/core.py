@@ -119,6 +119,11 @@ class WorldCore:
         return self._phase is WorldPhase.OPEN
 
     @property
+    def judge(self) -> Judge:
+        """Judge of the task."""
+        return self._judge
+
+    @property
     def task_outcome(self) -> TaskOutcome:
         """Outcome of the task so far."""
         return self._judge.outcome(self._participants.present, self.instant)

@@ -189,7 +189,7 @@ class ScriptedSwarm:
     @property
     def judge(self) -> Judge:
         """The task's judge."""
-        checked = self.core._judge
+        checked = self.core.judge
         assert isinstance(checked, CheckedJudge)
         return checked.judge
 

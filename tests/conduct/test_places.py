@@ -239,7 +239,7 @@ class DistanceJudge(Judge):
         return TaskProgress(0, 1) if self.settled else TaskProgress(len(present), 0)
 
     def outcome(self, present: Collection[str], end: Instant) -> TaskOutcome:
-        return TaskOutcome("drove", {"parted_at": self._parted}, dict.fromkeys(("r1", "r2"), {}))
+        return TaskOutcome("drove", {"parted_at": self._parted}, {"r1": {}, "r2": {}})
 
 
 class DistanceTask(Task):

@@ -1,12 +1,12 @@
 """`check_strategy` and `check_task` find planted faults, and none in shipped code."""
 
 from pathlib import Path
-from types import SimpleNamespace
 
 import pytest
 
 import acrc_testbed as acrc
-from cleaning.referee import Referee
+from actors.task import Task
+from tests.task.parcels import Parcels
 
 _PURE = """
 from actors.robot.behaviour import Behaviour, Start, host
@@ -60,15 +60,46 @@ def test_wrong_arguments_are_one_sentence(folder: Path) -> None:
         acrc.check_strategy("none", duration=1)
 
 
-def test_tasks_are_functions_of_their_inputs() -> None:
-    robots = [SimpleNamespace(id="r1", places=((1.0, 1.0),)), SimpleNamespace(id="r2", places=((2.0, 2.0),))]
-    assert acrc.check_task(lambda: Referee(robots, 0.7)) == []
-    made: list[Referee] = []
+_LOTTERY = """
+import random
+from tests.task.parcels import Loaded, ParcelJudge, Parcels
 
-    class Moody(Referee):
-        def outcome(self, present):  # type: ignore[no-untyped-def]
-            made.append(self)
-            return {"number": len(made)}
+class Chance(ParcelJudge):
+    def settled_by_chance(self):
+        return random.random()
+    def give(self, instant, robot, items):
+        return f"no, {self.settled_by_chance()}"
 
-    (finding,) = acrc.check_task(lambda: Moody(robots, 0.7))
-    assert finding.startswith("two tasks with equal inputs differ")
+class Crash(ParcelJudge):
+    def take(self, robot, answer, begin, end):
+        return self.items[robot][answer.reports[0].number] and None if answer.reports else None
+
+class Lottery(Parcels):
+    def judge(self, setup):
+        return Chance(setup)
+
+class Crashing(Parcels):
+    def judge(self, setup):
+        return Crash(setup)
+"""
+
+
+@pytest.mark.parametrize("task", ["cleaning", "logistics", Parcels])
+def test_shipped_and_made_up_tasks_have_no_findings(task: str | type[Task]) -> None:
+    assert acrc.check_task(task) == []
+
+
+def test_chance_and_crashes_of_a_judge_are_found(folder: Path) -> None:
+    (folder / "lottery_check.py").write_text(_LOTTERY)
+    (finding,) = acrc.check_task("lottery_check:Lottery", modules=[folder])
+    assert finding.startswith("two judges with equal inputs differ in step 25: one answers ([")
+    (finding,) = acrc.check_task("lottery_check:Crashing", modules=[folder])
+    assert finding.startswith(
+        "task parcels, take at 0 s failed: AttributeError: 'Delivered' object has no at"
+    )
+    (finding,) = acrc.check_task(Parcels, settings={"per_robot": 10})
+    assert finding.endswith("parcels.per_robot is 10, but must be a whole number from 0 to 9")
+    (finding,) = acrc.check_task("elsewhere:Task", modules=[folder])
+    assert finding == (
+        "task 'elsewhere:Task': its module is not installed; name its folder with --modules DIR"
+    )

@@ -50,7 +50,7 @@ FAULTS = {
     f"{SETTLED}self.missing)": "settled at 0 s failed: AttributeError: 'Faulty' object ",
     "def progress(self, present):\n        return 1, 2":
         "progress at 1 s returned (1, 2); must be a TaskProgress of whole numbers",
-    "def progress(self, present):\n        return TaskProgress(np.int64(1), 2)": "progress at 1 s returned TaskP",
+    "def progress(self, present):\n        return TaskProgress(np.int64(1), 2)": "at 1 s returned TaskP",
     f"{OUTCOME}raise KeyError('kilograms')": "failed: KeyError: 'kilograms' (LINE)",
     f"{OUTCOME}return dict(found.values)": "returned {'kilograms': 0, 'last_s': None}; must be a TaskOutcome",
     f"{OUTCOME}{OF_OUTCOME.format(values='{}')}":
@@ -100,7 +100,7 @@ def test_an_endless_loop_is_named_with_its_line(tmp_path: Path) -> None:
     words = ("--bus", "memory", "--timeout", 1, "--modules", tmp_path, "--modules", ".")
     done = acrc("run", file, *words, "--out", tmp_path / "run")
     assert done.returncode == 1
-    assert re.search(rr"world has not finished the step .*; it is at faulty_judge\.py:\d+ \(watch\)", done.stderr), done.stderr
+    assert re.search(r"world has not finished the step .* at faulty_judge\.py:\d+ \(watch\)", done.stderr)
 
 
 @pytest.mark.parametrize("chance", ["random.random()", "id(self) % 1000 / 1000"])
@@ -108,5 +108,5 @@ def test_a_judge_that_uses_chance_fails_the_check_of_the_run(tmp_path: Path, cha
     method = f"def outcome(self, present, end): return super().outcome(present, end)\n    {WATCH}"
     text = write(tmp_path, f"{method}self.mark(ItemKey('r1', 0), (12.0 + {chance}, 12.5), 'waiting')")
     record(tmp_path / "run", text)
-    with pytest.raises(RecheckError, match="^world: the replay differs, so the code"):
+    with pytest.raises(RecheckError, match=r"^world: the replay differs, so the code"):
         recheck(tmp_path / "run")
