@@ -236,9 +236,9 @@ class DeliveryRobot(Carrier):
     def _with_charger(self, floor: FloorPlan, monitor: TaskMonitor, now: Instant) -> Self:
         """Return the robot with the charger that it should use, or none."""
         charger = self.charger
-        if charger in self.failed or (charger >= 0 and self.has_enough()):
+        if self.has_enough():
             charger = -1
-        if charger < 0 and not self.has_enough() and self.needs_charge(floor):
+        elif charger in self.failed or (not self.is_there() if charger >= 0 else self.needs_charge(floor)):
             charger = self.best_charger(floor)
         if charger != self.charger:
             monitor.report(ChargingRequest(charger, now))

@@ -66,6 +66,8 @@ class AuctionParameters(ThresholdParameters):
     """The same for the robot with priority."""
     wait: float = 8.0
     """Time that a robot waits after giving way, s."""
+    change: float = 30.0
+    """Time from one robot's charge to the next, s."""
     queue: float = 2.0
     """Distance from an occupied charger at which the next robot waits, m."""
 
@@ -159,7 +161,7 @@ class BiddingCarrierRobot(ThresholdRobot, OrderBidder):
         """Return True if idle, or if the next order and the way to a charger would take too much charge."""
         held, p = self.next_order(floor), self.parameters
         if held is None:
-            return not {*range(len(self.chargers))} <= {one.charger for one in self.users}
+            return any(not self.rivals(charger) for charger in range(len(self.chargers)))
         way = self._length(floor, self.position, [held])
         home = min((self._to(floor, self.stations[held.delivery], one) for one in self.chargers), default=0.0)
         return self.charge - p.drain * (way + home) / TYPICAL_SPEED < p.low
@@ -171,11 +173,13 @@ class BiddingCarrierRobot(ThresholdRobot, OrderBidder):
 
     def charger_costs(self) -> Mapping[int, float]:
         """Return the estimated waiting time at each charger, as a distance, m."""
-        waits = dict.fromkeys(range(len(self.chargers)), 0.0)
-        for one in self.users:
-            if one.charger in waits:
-                waits[one.charger] += self._charging_time(one.charge) * TYPICAL_SPEED
-        return waits
+        return {
+            charger: sum(
+                self.parameters.change + self._charging_time(one.charge) for one in self.rivals(charger)
+            )
+            * TYPICAL_SPEED
+            for charger in range(len(self.chargers))
+        }
 
     def time_for(self, floor: FloorPlan, orders: Sequence[HeldOrder]) -> float:
         """Return the time that orders take, s, with charging and waiting for it."""
@@ -239,7 +243,7 @@ class BiddingCarrierRobot(ThresholdRobot, OrderBidder):
             return False
         here = self.chargers[self.charger]
         return self.position.is_nearer(here, self.parameters.queue) and any(
-            one.charger == self.charger and one.position.is_nearer(here, 1.0) for one in self.users
+            one.position.is_nearer(here, 1.0) for one in self.rivals(self.charger)
         )
 
     def _length(self, floor: FloorPlan, here: Point, orders: Sequence[HeldOrder]) -> float:

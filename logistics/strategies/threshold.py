@@ -49,10 +49,20 @@ class ThresholdRobot(DeliveryRobot):
         recent = tuple(one for one in self.users if now - one.heard <= self.parameters.memory)
         return self if recent == self.users else replace(self, users=recent)
 
+    def rivals(self, charger: int) -> tuple[ChargerUser, ...]:
+        """Return the robots that use or want a charger and are nearer to it."""
+        here, mine = self.chargers[charger], self.position
+        return tuple(
+            one
+            for one in self.users
+            if one.charger == charger and one.position.distance_to(here) < mine.distance_to(here)
+        )
+
     def charger_costs(self) -> Mapping[int, float]:
         """Return the chargers that are not known to be busy; all if there is none."""
-        free = {*range(len(self.chargers))} - {one.charger for one in self.users} - {*self.failed}
-        return dict.fromkeys(sorted(free) or range(len(self.chargers)), 0.0)
+        known = range(len(self.chargers))
+        free = [charger for charger in known if charger not in self.failed and not self.rivals(charger)]
+        return dict.fromkeys(free or known, 0.0)
 
     def best_charger(self, floor: FloorPlan) -> int:
         """Return the nearest charger that is not known to be busy, or the nearest one."""
