@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any, Final, NamedTuple
 
 import msgspec
+from msgspec.structs import asdict
 
 from acrc_testbed.experiments.study import Study, Trial
 from acrc_testbed.explanation.time_spent import TimeSpent
@@ -101,9 +102,11 @@ class CheckRecord(msgspec.Struct, frozen=True):
 _NOT_COMPARED: Final = frozenset(
     {
         "digest", "wall_s", "startup_s", "cpu_s", "real_time_factor", "isolation", "bus", "out", "processor",
+        "task",
     }
 )  # fmt: skip
-"""Fields of a result that are not compared: execution details, and the digest, compared separately."""
+"""Fields of a result that are not compared: execution details, and the digest, compared
+separately, like the values of the task."""
 
 
 def compare_repetition(before: TrialRecord, again: TrialRecord) -> CheckRecord:
@@ -122,9 +125,12 @@ def compare_repetition(before: TrialRecord, again: TrialRecord) -> CheckRecord:
         return here
     differs = [
         f"{name} {_abbreviated(mine)} in memory, {_abbreviated(theirs)} over Zenoh"
-        for one, other, without in ((first, second, _NOT_COMPARED), (before, again, {"result", "failure"}))
-        for name in one.__struct_fields__
-        if name not in without and (mine := getattr(one, name)) != (theirs := getattr(other, name))
+        for one, other, without in (
+            (_values(first), _values(second), _NOT_COMPARED),
+            (asdict(before), asdict(again), {"result", "failure"}),
+        )
+        for name, mine in one.items()
+        if name not in without and mine != (theirs := other.get(name))
     ]
     return msgspec.structs.replace(
         here,
@@ -133,6 +139,11 @@ def compare_repetition(before: TrialRecord, again: TrialRecord) -> CheckRecord:
         differs=tuple(differs),
         isolation=second.isolation,
     )
+
+
+def _values(result: RunResult) -> dict[str, object]:
+    """Return all fields of a result and the values of the task."""
+    return {**result.task, **asdict(result)}
 
 
 def _abbreviated(value: object) -> str:

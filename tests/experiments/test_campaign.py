@@ -77,7 +77,7 @@ def world():
     frame = sys._getframe()
     while frame is not None:
         for shell in frame.f_locals.get("shells", ()):
-            if hasattr(shell.core, "_task"):
+            if hasattr(shell.core, "_judge"):
                 return shell.core
         frame = frame.f_back
 
@@ -89,12 +89,12 @@ class Cheat:
         core = world()
         if core is not None and not self.done:
             self.done = True
-            say = core._task.outcome
-            core._task.outcome = lambda present: {"places": tuple(map(settled, say(present)["places"]))}
+            say = core._judge.outcome
+            core._judge.outcome = lambda present, end: settled(say(present, end))
         return self.honest.advance(view, until)
 
 def settled(one):
-    return replace(one, reached_at=0, reached_by=one.owner, reported_at=1, reported_by=one.owner)
+    return replace(one, values={**one.values, "places_done": one.values["places_total"]})
 
 quiet = Cheat
 '''
@@ -102,7 +102,6 @@ quiet = Cheat
 COUNTS = """
 import math
 import os
-from tests.experiments.made_runs import CLEANING
 
 def driven(tables):
     rows = tables["poses"].to_pylist()
@@ -377,12 +376,12 @@ def test_tuning_has_seeds_that_no_test_has_and_every_variant_has_every_value() -
     ],
 )
 def test_records_of_processes_are_validated(content: bytes | None, why: str, plain: RunResult) -> None:
-    record = validated_record(content, Trial("none", 1, (("robots.count", 2),)), "it died")
+    record = validated_record(content, Trial("none", 1, (("robots.count", 2),)), CLEANING, "it died")
     assert record.failure is not None and record.failure.startswith(why)
     assert (record.strategy, record.seed, record.variant) == ("none", 1, {"robots.count": 2})
     other = msgspec.json.encode(TrialRecord("none", 2, {}, plain))
     assert (
-        validated_record(other, Trial("none", 1), "").failure
+        validated_record(other, Trial("none", 1), CLEANING, "").failure
         == "its process left the record of another trial"
     )
 
