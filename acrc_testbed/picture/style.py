@@ -103,9 +103,7 @@ def short_title(run: RunData) -> str:
     if run.result is None:
         return recorded_span(run.out, run.end)
     strategy = run.result.origin.strategy or "a strategy"
-    times = [run.result.task.get(metric.column) for metric in run.description.task.metrics if metric.event]
-    lasted = _text((times and times[-1]) or run.result.simulated_s)
-    return f"{strategy}: {_first_value(run)} in {lasted} s"
+    return f"{strategy}: {_first_value(run)} in {run.result.finished_s:g} s"
 
 
 def _first_value(run: RunData) -> str:

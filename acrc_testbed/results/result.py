@@ -306,6 +306,12 @@ class RunResult(msgspec.Struct, frozen=True, kw_only=True):
         """Time from the first step to the last, s of the run's clock."""
         return self.simulated_s if self.is_simulated else self.duration_s
 
+    @property
+    def finished_s(self) -> float:
+        """Time of the event of the last metric with one, such as completion; else `length_s`."""
+        times = [self.task.get(metric.column) for metric in self.declaration.metrics if metric.event]
+        return float(times[-1]) if times and times[-1] else self.length_s
+
 
 def optional_value(value: T | msgspec.UnsetType) -> T | None:
     """Return a field's value; None if it is absent."""

@@ -116,11 +116,11 @@ def demonstration_lines(
     """Yield the demonstration's result as three lines; `reassigned`: number of adopted items."""
     without, adapted = results.values()
     yield (
-        f"Without adaptation: {_coverage(without)} in {without.simulated_s:g} s. The robots block each other "
+        f"Without adaptation: {_coverage(without)} in {without.finished_s:g} s. The robots block each other "
         "in the doorway."
     )
     yield (
-        f"With the chapter's adaptation: {_coverage(adapted)} in {adapted.simulated_s:g} s. The blocked "
+        f"With the chapter's adaptation: {_coverage(adapted)} in {adapted.finished_s:g} s. The blocked "
         f"robots exchange destinations by radio; {reassigned} {adapted.declaration.items} were reassigned."
     )
     yield f"Pictures: {', '.join(map(str, pictures))}"
