@@ -14,6 +14,7 @@ from actors.instant import Instant, seconds
 from actors.randomness import generator
 from actors.robot.behaviour import Behaviour, Start
 from actors.robot.behaviour.ports import Decision, GoalOrder, View
+from cleaning.place import points
 from cleaning.strategies import none
 from deploy.scenario.scenario_file import parse
 from deploy.scenario.tables import Scenario, toml_document
@@ -46,7 +47,7 @@ class _Ditherer:
     """Alternates between two goals before it reaches either."""
 
     def __init__(self, start: Start) -> None:
-        self._places, self._every = start.places, _lasting(start, "every_s")
+        self._places, self._every = points(start.items), _lasting(start, "every_s")
         self._last = -1
 
     def advance(self, view: View, until: Instant) -> Decision:
