@@ -113,8 +113,8 @@ def legend(shown: Collection[Mark], tasks: Iterable[TaskDeclaration]) -> list[Ar
     return [marks.legend_entry(mark) for mark in (*items, *MARKS.values()) if mark in shown]
 
 
-class ShownItem(NamedTuple):
-    """An item on the floor."""
+class ItemGlyph(NamedTuple):
+    """Symbol of an item on the floor."""
 
     mark: ItemMark
     symbol: Mark
@@ -122,7 +122,7 @@ class ShownItem(NamedTuple):
     """True: with the colour of the robot that is responsible."""
 
 
-def show_item(task: TaskDeclaration, items: dict[ItemKey, ShownItem], mark: ItemMark) -> None:
+def show_item(task: TaskDeclaration, items: dict[ItemKey, ItemGlyph], mark: ItemMark) -> None:
     """Apply a new mark to the items shown; a disc keeps the symbol that the item had first."""
     symbol = glyphs.item_marks(task).get(mark.state)
     if symbol is None:
@@ -131,18 +131,18 @@ def show_item(task: TaskDeclaration, items: dict[ItemKey, ShownItem], mark: Item
     before, is_filled = items.get(mark.key), symbol.shape == "disc"
     if is_filled and before is not None and before.symbol.shape != "ring":
         symbol = before.symbol
-    items[mark.key] = ShownItem(mark, symbol, is_filled)
+    items[mark.key] = ItemGlyph(mark, symbol, is_filled)
 
 
-def shown_items(run: RunData) -> list[ShownItem]:
+def shown_items(run: RunData) -> list[ItemGlyph]:
     """Return the items on the floor at the end."""
-    items: dict[ItemKey, ShownItem] = {}
+    items: dict[ItemKey, ItemGlyph] = {}
     for _, mark in run.marks:
         show_item(run.description.task, items, mark)
     return [*items.values()]
 
 
-def item_style(run: RunData, item: ShownItem, *, few: bool) -> dict[str, Any]:
+def item_style(run: RunData, item: ItemGlyph, *, few: bool) -> dict[str, Any]:
     """Return the properties of a line that draws an item."""
     size = (4.6 if few else 2.6) + (item.symbol.shape == "cross")
     fill = style.robot_colour(run.robots, item.mark.by, item.mark.owner) if item.is_filled else ""

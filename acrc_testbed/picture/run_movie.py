@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from acrc_testbed.picture import floor_picture, marks, run_page, style
-from acrc_testbed.picture.floor_picture import ShownItem
+from acrc_testbed.picture.floor_picture import ItemGlyph
 from acrc_testbed.run_model.data import RunData
 from acrc_testbed.run_model.floor import floor_intervals
 from acrc_testbed.run_model.robot_introspection import Floats
@@ -132,7 +132,7 @@ class _Scene:
         floor_picture.draw_floor(axes, run.grid)
         doors = floor_picture.draw_doors(axes, run)
         self._few = few = glyphs.is_small_swarm(run.robots)
-        self._items: dict[ItemKey, ShownItem] = {}
+        self._items: dict[ItemKey, ItemGlyph] = {}
         self._lines: dict[ItemKey, Line2D] = {}
         for _, mark in run.marks:
             if mark.key not in self._lines:

@@ -107,7 +107,7 @@ def short_title(run: RunData) -> str:
 
 
 def _first_value(run: RunData) -> str:
-    """Return the value of the metric that decides first, such as "6 of 6 places"."""
+    """Return the value of the metric that decides first, such as "6 of 6 items"."""
     assert run.result is not None
     if (metric := _first_metric(run)) is None:
         return "no metric"
@@ -158,7 +158,7 @@ def _dark_colours(svg: bytes) -> dict[str, str]:
 
 def _lightened(colour: str) -> Colour:
     """Return the colour, lightened if necessary for contrast to the dark background."""
-    red, green, blue = (int(colour[place : place + 2], 16) for place in (1, 3, 5))
+    red, green, blue = (int(colour[first : first + 2], 16) for first in (1, 3, 5))
     lighter = (glyphs.faded((red, green, blue), 1 - part / 20, glyphs.WHITE) for part in range(20))
     return next(one for one in lighter if glyphs.contrast(one, _DARK_GROUND) >= _CONTRAST)
 
