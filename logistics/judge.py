@@ -68,15 +68,11 @@ class OrderState:
 
     def row(self) -> dict[str, Value]:
         """Return the row of the table of orders, by column of COLUMNS."""
-        instants = (self.picked_up, self.carrier, self.delivered)
-        order, (picked_up, carrier, delivered) = (
-            self.order,
-            (in_seconds(Instant(one)) if isinstance(one, int) else one for one in instants),
-        )
+        order = self.order
         values = (
             *(self.key.owner, self.key.number, order.pickup, order.delivery, self.name),
-            *(in_seconds(Instant(order.arrived)), in_seconds(Instant(order.deadline))),
-            *(picked_up, carrier, delivered),
+            *map(_seconds, (order.arrived, order.deadline, self.picked_up)),
+            *(self.carrier, _seconds(self.delivered)),
         )
         return {column.name: value for column, value in zip(COLUMNS, values, strict=True)}
 
@@ -115,22 +111,23 @@ class LogisticsJudge(Judge):
                 f"{different[0]} has other stations or chargers than {self._ids[0]}; give all robots the same"
             )
         self._stations, self._chargers = stations(lists[0]), chargers(lists[0])
+        self._facilities = {
+            (is_charger, index): point
+            for is_charger, points in ((False, self._stations), (True, self._chargers))
+            for index, point in enumerate(points)
+        }
         counts = len(self._stations), len(self._chargers)
-        self._arrivals = arrivals(self._settings, counts[0], len(self._ids), setup.seed, setup.duration_us)[
-            ::-1
-        ]
-        self._outages = outage_events(self._settings, *counts, setup.seed)[::-1]
+        orders = arrivals(self._settings, counts[0], len(self._ids), setup.seed, setup.duration_us)
+        self._arrivals, self._outages = orders[::-1], outage_events(self._settings, *counts, setup.seed)[::-1]
         self._out = Counter[tuple[bool, int]]()
-        self._users: list[str | None] = [None] * counts[1]
+        self._users: list[str] = [""] * counts[1]
         """Robot that uses each charger."""
         self._orders: dict[tuple[str, int], OrderState] = {}
         self._robots = {robot: RobotState(len(lists[0]), {}) for robot in self._ids}
         self._positions: NDArray[np.float64] = np.zeros((len(self._ids), 2))
         self._now = 0
-        self._routes: dict[str, tuple[ItemKey, ...]] = {}
-        for is_charger, points in ((False, self._stations), (True, self._chargers)):
-            for index in range(len(points)):
-                self._show_facility(is_charger, index)
+        for facility in self._facilities:
+            self._show_facility(*facility)
 
     @property
     def settled(self) -> bool:
@@ -166,8 +163,6 @@ class LogisticsJudge(Judge):
         for key in (*(one.key for one in answer.given_up), *(answer.route or ())):
             if (key.owner, key.number) not in self._orders:
                 return f"gives up {key} or has it in its route, which is no order"
-        if answer.route is not None:
-            self._routes[robot] = answer.route
         return None
 
     def restart(self, robot: str) -> None:
@@ -178,7 +173,6 @@ class LogisticsJudge(Judge):
                 self._show(one)
         state = self._robots[robot]
         state.request, state.known = -1, {}
-        self._routes.pop(robot, None)
 
     def progress(self, present: Collection[str]) -> TaskProgress:
         """Count undelivered and delivered orders."""
@@ -190,12 +184,13 @@ class LogisticsJudge(Judge):
         orders, robots = [*self._orders.values()], self._robots.values()
         values = _values(orders, robots, end)
         delivered = [one.delivered for one in orders if one.delivered is not None]
-        first = min((one.empty for one in robots if one.empty is not None), default=None)
         values |= {
             "orders_total": len(orders),
             "robots_empty": sum(one.empty is not None for one in robots),
-            "first_empty_s": None if first is None else in_seconds(Instant(first)),
-            "completion_s": in_seconds(Instant(max(delivered, default=0))) if self.settled else None,
+            "first_empty_s": _seconds(
+                min((one.empty for one in robots if one.empty is not None), default=None)
+            ),
+            "completion_s": _seconds(max(delivered)) if self.settled else None,
         }
         by_robot = {
             robot: {
@@ -216,7 +211,6 @@ class LogisticsJudge(Judge):
     def _give(self, robot: str, order: DeliveryOrder) -> None:
         key = ItemKey(robot, self._robots[robot].items)
         self._orders[key.owner, key.number] = state = OrderState(key, order)
-        self._routes[robot] = (*self._routes.get(robot, ()), key)
         self._tell(robot, order)
         self._show(state)
 
@@ -227,7 +221,7 @@ class LogisticsJudge(Judge):
     def _tell_statuses(self) -> None:
         """Tell robots about stations and chargers in sight whose status they do not know."""
         for key in sorted(self._out):
-            point, works = (self._chargers if key[0] else self._stations)[key[1]], not self._out[key]
+            point, works = self._facilities[key], not self._out[key]
             for index, (robot, state) in enumerate(self._robots.items()):
                 is_news = state.known.get(key, True) != works and state.statuses < _MOST_STATUS
                 if is_news and self._is_near(index, point, self._settings.sight):
@@ -241,20 +235,17 @@ class LogisticsJudge(Judge):
         for robot, state in states.items():
             if world.battery(robot) == 0:
                 state.request, state.empty = -1, self._now if state.empty is None else state.empty
-        before = [*self._users]
-        ready = {
-            robot: state.request
-            for index, (robot, state) in enumerate(states.items())
-            if state.request >= 0 and self._stands_at(index, self._chargers[state.request])
-        }
-        for charger, user in enumerate(before):
-            works = not self._out[True, charger]
-            here = [robot for robot, wanted in ready.items() if wanted == charger and works]
-            self._users[charger] = user if user in here else next(iter(here), None)
-            if chosen := self._users[charger]:
+        for charger, user in enumerate(self._users):
+            here = [
+                robot
+                for index, (robot, state) in enumerate(states.items())
+                if state.request == charger and self._stands_at(index, True, charger)
+            ]
+            self._users[charger] = chosen = user if user in here else next(iter(here), "")
+            if chosen:
                 world.charge(chosen, self._settings.power)
                 states[chosen].charging_us += passed
-            if self._users[charger] != user:
+            if chosen != user:
                 self._show_facility(True, charger)
         for robot, state in states.items():
             is_waiting = state.request >= 0 and robot not in self._users and world.speed(robot) < STANDING
@@ -277,7 +268,7 @@ class LogisticsJudge(Judge):
         is_pickup = isinstance(report, PickupReport)
         station = one.order.pickup if is_pickup else one.order.delivery
         load = sum(other.carrier == robot and other.delivered is None for other in self._orders.values())
-        is_there = self._stands_at(index, self._stations[station]) and not self._out[False, station]
+        is_there = self._stands_at(index, False, station)
         if is_pickup and one.carrier is None and load < self._settings.capacity and is_there:
             one.picked_up, one.carrier = self._now, robot
         elif not is_pickup and one.carrier == robot and one.delivered is None and is_there:
@@ -294,8 +285,11 @@ class LogisticsJudge(Judge):
         x, y = self._positions[index].tolist()
         return Point(x, y).is_nearer(point, distance)
 
-    def _stands_at(self, index: int, point: Point) -> bool:
-        return self._is_near(index, point, REACH) and self._world.speed(self._ids[index]) < STANDING
+    def _stands_at(self, index: int, is_charger: bool, number: int) -> bool:
+        """Return True if a robot stands at a station or charger that works."""
+        key = is_charger, number
+        is_there = not self._out[key] and self._is_near(index, self._facilities[key], REACH)
+        return is_there and self._world.speed(self._ids[index]) < STANDING
 
     def _show(self, one: OrderState) -> None:
         """Show a load that waits at its station; a carried one at its destination."""
@@ -307,26 +301,23 @@ class LogisticsJudge(Judge):
         self.mark(one.key, point, state, one.carrier or "")
 
     def _show_facility(self, is_charger: bool, index: int) -> None:
-        kind, by = "charger" if is_charger else "station", ""
-        state = kind
-        if self._out[is_charger, index]:
-            state = f"{kind} out of order"
-        elif is_charger and (by := self._users[index] or ""):
-            state = "charger in use"
-        points = self._chargers if is_charger else self._stations
-        self.mark(ItemKey(kind, index), points[index], state, by)
+        kind, user = ("charger", self._users[index]) if is_charger else ("station", "")
+        state = f"{kind} out of order" if self._out[is_charger, index] else kind + " in use" * bool(user)
+        self.mark(ItemKey(kind, index), self._facilities[is_charger, index], state, user)
+
+
+def _seconds(instant: int | None) -> float | None:
+    return None if instant is None else in_seconds(Instant(instant))
 
 
 def _values(orders: Collection[OrderState], robots: Iterable[RobotState], end: int) -> dict[str, Any]:
     """Return counts of some orders and sums over some robots; times in s."""
-    delays = [one.delivered - one.order.arrived for one in orders if one.delivered is not None]
     late = [max(0, min(one.delivered or end, end) - one.order.deadline) for one in orders]
     states = [*robots]
     return {
-        "orders_delivered": len(delays),
+        "orders_delivered": sum(one.delivered is not None for one in orders),
         "orders_late": sum(one > 0 for one in late),
         "lateness_s": round(sum(late) / 1e6, 3),
-        "delivery_time_s": round(sum(delays) / len(delays) / 1e6, 3) if delays else None,
         "charging_s": round(sum(one.charging_us for one in states) / 1e6, 3),
         "queueing_s": round(sum(one.queueing_us for one in states) / 1e6, 3),
         "reports_refused": sum(one.refused for one in states),

@@ -74,6 +74,12 @@ class HeldOrder(NamedTuple):
         return self.delivery if self.is_loaded else self.pickup
 
 
+def distance(floor: FloorPlan, here: Point, there: Point) -> float:
+    """Return the length of the path, m."""
+    length = floor.length(here, there)
+    return FAR if length is None else length
+
+
 @component
 class DeliveryRobot(Carrier):
     """A robot that delivers its orders."""
@@ -169,7 +175,9 @@ class DeliveryRobot(Carrier):
         loaded = [one for one in possible if one.is_loaded]
         if loaded or any(one.is_loaded for one in self.orders):
             return next(iter(loaded), None)
-        return min(possible, key=lambda one: self.distance(floor, self.stations[one.pickup]), default=None)
+        return min(
+            possible, key=lambda one: distance(floor, self.position, self.stations[one.pickup]), default=None
+        )
 
     def needs_charge(self, floor: FloorPlan) -> bool:
         """Return True if the robot should drive to a charger."""
@@ -190,16 +198,11 @@ class DeliveryRobot(Carrier):
     def cheapest(self, extra: Mapping[int, float], floor: FloorPlan) -> int:
         """Return the charger with the least sum of distance and extra cost, m, that may work; -1: none."""
         costs = [
-            (cost + self.distance(floor, self.chargers[index]), index)
+            (cost + distance(floor, self.position, self.chargers[index]), index)
             for index, cost in extra.items()
             if index not in self.failed
         ]
         return min(costs, default=(0.0, -1))[1]
-
-    def distance(self, floor: FloorPlan, point: Point) -> float:
-        """Return the length of the path to a point, m."""
-        length = floor.length(self.position, point)
-        return FAR if length is None else length
 
     def is_there(self) -> bool:
         """Return True at the target."""

@@ -38,7 +38,7 @@ from deeco import (
     seconds,
 )
 from logistics.carrier import Carrier
-from logistics.robot import FAR, HeldOrder
+from logistics.robot import FAR, HeldOrder, distance
 from logistics.strategies.threshold import ChargerExchange, ThresholdParameters, ThresholdRobot
 
 
@@ -163,7 +163,7 @@ class BiddingCarrierRobot(ThresholdRobot, OrderBidder):
         if held is None:
             return any(not self.rivals(charger) for charger in range(len(self.chargers)))
         way = self._length(floor, self.position, [held])
-        home = min((self._to(floor, self.stations[held.delivery], one) for one in self.chargers), default=0.0)
+        home = min((distance(floor, self.stations[held.delivery], one) for one in self.chargers), default=0.0)
         return self.charge - p.drain * (way + home) / TYPICAL_SPEED < p.low
 
     def has_enough(self) -> bool:
@@ -230,7 +230,7 @@ class BiddingCarrierRobot(ThresholdRobot, OrderBidder):
         """Return the robot with the decision to back out, or if idle to drive elsewhere."""
         if self.target is None:
             points = [floor.random_point() for _ in range(8)]
-            return replace(self, waypoint=min(points, key=lambda one: self.distance(floor, one)))
+            return replace(self, waypoint=min(points, key=lambda one: distance(floor, self.position, one)))
         back = 1.0 if floor.door(self.position) is None else 2.0
         return replace(self, back=back, waits_until=Instant(now + seconds(self.parameters.wait)))
 
@@ -248,22 +248,16 @@ class BiddingCarrierRobot(ThresholdRobot, OrderBidder):
 
     def _length(self, floor: FloorPlan, here: Point, orders: Sequence[HeldOrder]) -> float:
         """Return the length of the way for orders, always the nearest next, m."""
-        total, rest = 0.0, sorted(orders, key=lambda one: not one.is_loaded)
+        total, rest = 0.0, [*orders]
         while rest:
             nearest = min(
-                rest[:1] if rest[0].is_loaded else rest,
-                key=lambda one: self._to(floor, here, self.stations[one.station]),
+                rest, key=lambda one: (not one.is_loaded, distance(floor, here, self.stations[one.station]))
             )
             rest.remove(nearest)
             for station in dict.fromkeys((nearest.station, nearest.delivery)):
-                total += self._to(floor, here, self.stations[station])
+                total += distance(floor, here, self.stations[station])
                 here = self.stations[station]
         return total
-
-    @staticmethod
-    def _to(floor: FloorPlan, here: Point, there: Point) -> float:
-        length = floor.length(here, there)
-        return FAR if length is None else length
 
 
 @ensemble(every=seconds(1), max_age=seconds(5))

@@ -175,9 +175,9 @@ def test_no_load_is_duplicated_or_delivered_twice(moves: list[tuple[int, int, in
         if action < 2:
             bench.put(name, *((SITES[action].x, SITES[action].y)))
             bench.advance()
-        before = {row["order"]: row for row in bench.rows()}
+        before = {(row["owner"], row["order"]): row for row in bench.rows()}
         (bench.picks_up if action == 2 else bench.delivers)(name, key)
-        after = {row["order"]: row for row in bench.rows()}
+        after = {(row["owner"], row["order"]): row for row in bench.rows()}
         if after != before and action != 2:
             delivered.append(key)
         carriers = [row["carrier"] for row in bench.rows() if row["state"] == "carried"]
