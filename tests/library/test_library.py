@@ -24,7 +24,7 @@ import numpy as np
 told = {
     "digests": [without.result.digest, adapted.result.digest],
     "isolation": adapted.result.isolation,
-    "places": [without.result.places_done, adapted.result.places_done],
+    "places": [one.result.task["places_done"] for one in (without, adapted)],
     "tables": {name: table.num_rows for name, table in tables.items()},
     "shape": run.data.true.shape,
     "robots": sorted(run.time_spent().robots),
