@@ -20,12 +20,13 @@ import pytest
 import actors.robot.behaviour as robot
 import deeco
 from acrc_testbed.command_line import documentation
-from acrc_testbed.experiments.metrics import BY_NAME
+from acrc_testbed.experiments.metrics import task_metrics
 from acrc_testbed.experiments.study import load_study
 from acrc_testbed.explanation.time_spent import Cause
 from actors.installation.repository import REPOSITORY
 from actors.observer.glyphs import ACTIVITY_GLYPHS, CAUSE_GLYPHS
 from actors.robot.introspector import ACTIVITIES
+from actors.task.loading import load_task
 from deploy.scenario.scenario_file import parse
 from tests import warm
 from tests.documentation.markdown import Block, MarkdownPage, pages
@@ -190,7 +191,9 @@ def test_commands_reference_is_current() -> None:
     page = REPOSITORY / "docs" / "reference" / "commands.md"
     assert page.read_text() == documentation.commands_page(), "`./acrc docs` regenerates it"
     (option,) = (one for one in TREE["acrc compare"].params if "--metric" in one.opts)
-    assert set(re.findall(r"\w+", option.help.partition(":")[2].partition(";")[0])) == set(BY_NAME)
+    assert set(re.findall(r"\w+", option.help.partition(":")[2].partition(";")[0])) == set(
+        task_metrics(load_task("cleaning").declaration)
+    )
 
 
 def defined(title: str) -> list[str]:
