@@ -229,7 +229,7 @@ def frame(**changed: object) -> Decision:
     ("decision", "fault"),
     [
         ("go", "returned a str instead of a Decision"),
-        (ANY(reports=(7,)), "reports 7; must be a PlaceReport"),
+        (ANY(reports=(7,)), "reports 7; must be a struct of the task, a subclass of MessagePart"),
         (ANY(frames=(b"x",)), "sends b'x'; a frame must be an OutgoingFrame with bytes"),
         (ANY(Point(np.nan, 2.0)), f"returned goal=Point(x=nan, y=2.0); {GOAL}"),
         (ANY(5), f"returned goal=5; {GOAL}"),
@@ -239,27 +239,27 @@ def frame(**changed: object) -> Decision:
         (ANY(frames=(DATA, replace(DATA, instant=449_999))),
          "sends a frame at 449999 µs; the instant must be from 450000 to 499999 µs"),
         (ANY(frames=(DATA,) * 4), "sends 4 frames in one step; the limit is 3"),
-        (ANY(reports=(VisitReport("r1", 0, 400000),) * 3), "reports 3 places in one step; the limit is 2"),
+        (ANY(reports=(VisitReport("r1", 0, 400000),) * 3), "sends 3 task reports in one step; the limit is 2"),
         (ANY(reports=(VisitReport("r1", 0, 399_999),)),
-         f"reports a place at 399999 µs; must be {WITHIN}"),
-        (ANY(given_up=("all",)), "gives up 'all'; must be a PlaceGivenUp with a text as reason"),
-        (ANY(given_up=(UNSAID,)), f"gives up {UNSAID}; must be a PlaceGivenUp with a text as reason"),
+         f"sends a task report at 399999 µs; must be {WITHIN}"),
+        (ANY(given_up=("all",)), "gives up 'all'; must be an ItemGivenUp with a text as reason"),
+        (ANY(given_up=(UNSAID,)), f"gives up {UNSAID}; must be an ItemGivenUp with a text as reason"),
         *[
             (
                 ANY(given_up=(replace(SHUT, reason="x" * length),)),
-                f"gives up a place for a reason of {length} characters; must have 1 to 100",
+                f"gives up an item for a reason of {length} characters; must have 1 to 100",
             )
             for length in (0, 101)
         ],
         (ANY(given_up=(replace(SHUT, instant=500_000),)),
-         f"gives up a place at 500000 µs; must be {WITHIN}"),
-        (ANY(given_up=(SHUT,) * 3), "gives up 3 places in one step; the limit is 2"),
+         f"gives up an item at 500000 µs; must be {WITHIN}"),
+        (ANY(given_up=(SHUT,) * 3), "gives up 3 items in one step; the limit is 2"),
         (ANY(route=[ItemKey("r1", 0)]),
-         "has the route [PlaceKey(owner='r1', place=0)]; must be a tuple of PlaceKey, or None"),
-        (ANY(route=(0,)), "has 0 in its route; must be a PlaceKey"),
+         "has the route [ItemKey(owner='r1', number=0)]; must be a tuple of ItemKey, or None"),
+        (ANY(route=(0,)), "has 0 in its route; must be an ItemKey"),
         (ANY(route=(ItemKey("r2", 1), ItemKey("r1", 1), ItemKey("r2", 1))),
-         "has place 1 of 'r2' twice in its route; must be unique"),
-        (ANY(route=tuple(ItemKey("r1", n) for n in range(5))), "has a route of 5 places; the limit is 4"),
+         "has item 1 of 'r2' twice in its route; must be unique"),
+        (ANY(route=tuple(ItemKey("r1", n) for n in range(5))), "has a route of 5 items; the limit is 4"),
         (ANY(paused="yes"), "returned paused='yes'; it should be True, False or None"),
         *[
             (ANY(back_out=far), f"returned back_out={far}; it should be above 0 and at most 3 m")

@@ -44,7 +44,7 @@ ROBOT = RobotSetup(
     address=3,
     members=(("r1", 3), ("r2", 4)),
     start=(12.0, 5.0, 4.0),
-    items=((12.5, 6.0), (9.0, 12.25)),
+    items=([12.5, 6.0], [9.0, 12.25]),
     behaviour="tests.robot.rig:keeper",
     model="turtlebot2",
     sensor="kinect",
@@ -222,16 +222,16 @@ from actors.robot import assembly
 from actors.robot.behaviour.ports import Decision
 from actors.robot_model import load_model
 from actors.runtime.processor import fingerprints
-from cleaning.referee import Referee
-from actors.world.body import Bodies
-from actors.world.program import KERNELS
+from actors.task.loading import task_setup
+from cleaning.task import Cleaning
+from actors.world.program import KERNELS, build
 from actors.world.uncertainty import Uncertainty
 from actors.world.world_setup import BodySetup, WorldSetup
 from actors.robot.stack import stack
 from tests.robot.base import TWO_ROOMS, FakeBase
 
 def variants():
-    modules = (*assembly.KERNELS, *KERNELS)
+    modules = (*assembly.KERNELS, *KERNELS, *Cleaning.kernels)
     kernels = [k for m in modules for k in vars(m).values() if isinstance(k, Dispatcher)]
     return sum(len(kernel.signatures) for kernel in kernels)
 
@@ -256,8 +256,10 @@ def run_world(odometry, uncertainty):
         BodySetup(f"r{k}", model, None, (12.0 + 1.2 * k, 13.0, 3.0 * k), ((13.0, 13.0),), odometry=kind)
         for k, (model, kind) in enumerate(kinds)
     )
-    setup = WorldSetup("maps/corridor.yaml", 1, 100_000, 3_000_000, robots, uncertainty=uncertainty)
-    bodies, referee = Bodies(setup), Referee(robots, setup.reach)
+    task = task_setup("cleaning", {})
+    setup = WorldSetup("maps/corridor.yaml", 1, 100_000, 3_000_000, robots, task, uncertainty=uncertainty)
+    core = build(setup)
+    bodies = core._bodies
     for step in range(30):
         now = Instant(100_000 * step)
         for index in range(2):
@@ -267,10 +269,10 @@ def run_world(odometry, uncertainty):
             bodies.add_obstacle(12.0, 14.0, 0.2)
             bodies.place(0, Pose(17.0, 13.0, 1.0))
         bodies.move(now, 100_000)
-        referee.watch(now, bodies.positions)
+        core.judge.watch(now, bodies.positions)
 
 assembly.kernels()
-fingerprints(KERNELS)
+fingerprints((*KERNELS, *Cleaning.kernels))
 compiled = variants()
 for preset in ("chapter", "robust"):
     run_robot(preset)

@@ -8,7 +8,7 @@ import msgspec
 import numpy as np
 import pytest
 
-from acrc_testbed.experiments.metrics import BY_NAME, value_of
+from acrc_testbed.experiments.metrics import task_metrics, value_of
 from acrc_testbed.export import table_rows
 from acrc_testbed.picture import run_movie, run_page
 from acrc_testbed.results.summary import result_sentences
@@ -58,10 +58,11 @@ def test_people_are_in_recording_result_and_tables(made: Path, data: RunData) ->
     walked = np.linalg.norm(np.diff(data.people[..., :2], axis=0), axis=-1).sum(axis=0)
     assert (walked > 3.0).sum() >= 4
     assert data.result is not None
-    assert value_of(BY_NAME["people_contacts"], data.result) == content["people_contacts"]
-    assert value_of(BY_NAME["people_contact_s"], data.result) == content["people_contact_s"]
+    metrics = task_metrics(data.result.declaration)
+    assert value_of(metrics["people_contacts"], data.result) == content["people_contacts"]
+    assert value_of(metrics["people_contact_s"], data.result) == content["people_contact_s"]
     assert any(line.startswith("Contacts with people: ") for line in result_sentences(data.result))
-    rows = table_rows.tables(made)["people"]
+    rows = table_rows.tables(made).rows["people"]
     assert len(rows) == round(DURATION * 10) * 6
     assert rows[7] == (1, 0.1, 2, *data.people[1, 1].tolist())
 
@@ -83,7 +84,7 @@ def test_no_people_leave_no_trace(tmp_path: Path) -> None:
     zero = record(tmp_path / "zero", WITHOUT + "[people]\ncount = 0\n", duration=2.0)
     assert zero.digest == none.digest
     assert "people_contact" not in (tmp_path / "none" / "run.json").read_text()
-    assert math.isnan(value_of(BY_NAME["people_contacts"], none) or 0.0)
+    assert math.isnan(value_of(task_metrics(none.declaration)["people_contacts"], none) or 0.0)
     assert b'"people"' not in msgspec.json.encode(resolve(parse(WITHOUT, PEOPLE)).world)
 
 

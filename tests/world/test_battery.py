@@ -9,7 +9,7 @@ import msgspec
 import numpy as np
 import pytest
 
-from acrc_testbed.experiments.metrics import BY_NAME, value_of
+from acrc_testbed.experiments.metrics import task_metrics, value_of
 from acrc_testbed.export import table_rows
 from acrc_testbed.picture import run_page
 from acrc_testbed.recordings.run_recordings import all_recordings
@@ -268,9 +268,9 @@ def test_a_recorded_run_has_charges_in_its_model_pictures_result_and_metric(tmp_
     assert result.energy_j == pytest.approx(
         sum(one.energy.used_j for one in result.per_robot.values()), abs=1e-3
     )
-    poses = table_rows.tables(tmp_path / "run")["poses"]
+    poses = table_rows.tables(tmp_path / "run").rows["poses"]
     assert [row[-1] for row in poses] == run.charge.ravel().tolist()
-    metric = BY_NAME["energy"]
+    metric = task_metrics(result.declaration)["energy"]
     assert value_of(metric, result) == result.energy_j
     axes = run_page.draw(run).axes
     assert [one.get_ylabel() for one in axes].count("battery charge") == 1
@@ -281,7 +281,7 @@ def test_a_result_without_batteries_has_no_energy(short_run: Path) -> None:
     assert "energy_j" not in file and all("energy" not in one for one in file["per_robot"].values())
     run = read_run(short_run)
     assert np.isnan(run.charge).all() and run.result is not None
-    assert math.isnan(value_of(BY_NAME["energy"], run.result) or 0.0)
+    assert math.isnan(value_of(task_metrics(run.result.declaration)["energy"], run.result) or 0.0)
     assert "battery charge" not in [one.get_ylabel() for one in run_page.draw(run).axes]
 
 
