@@ -27,7 +27,8 @@ SensorName = Annotated[
 ]
 MOST_ITEMS: Final = 1000
 Items = Annotated[
-    tuple[Any, ...], Meta(max_length=MOST_ITEMS, description=f"a list of at most {MOST_ITEMS} items of the task")
+    tuple[Any, ...],
+    Meta(max_length=MOST_ITEMS, description=f"a list of at most {MOST_ITEMS} items of the task"),
 ]
 _Vertices = Annotated[
     tuple[Annotated[tuple[float, float], Meta(description="a point [x, y] in m")], ...],

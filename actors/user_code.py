@@ -61,7 +61,11 @@ class _FolderFinder(MetaPathFinder):
         """Return a module's spec; all submodules of a package come from the package's folder."""
         parent = fullname.rpartition(".")[0]
         if path is None:
-            found = None if python_spec(fullname) is not None else _spec(fullname, (*self.folders, *self.task_folders))
+            found = (
+                None
+                if python_spec(fullname) is not None
+                else _spec(fullname, (*self.folders, *self.task_folders))
+            )
         elif parent not in self._roots:
             return None
         else:
@@ -99,7 +103,9 @@ class _FolderFinder(MetaPathFinder):
         }
 
     def _root(self, place: Path) -> Path | None:
-        return next((folder for folder in (*self.folders, *self.task_folders) if place.is_relative_to(folder)), None)
+        return next(
+            (folder for folder in (*self.folders, *self.task_folders) if place.is_relative_to(folder)), None
+        )
 
 
 FINDER: Final = _FolderFinder()
@@ -184,6 +190,7 @@ def _check_link(place: Path, folder: Path) -> None:
     real, home = place.resolve(), folder.resolve()
     if not real.is_relative_to(home):
         raise AcrcError(f"{place}: links to {real}; copy the code into {home}")
+
 
 def is_installed(module: str) -> bool:
     """Return True if a module is in the standard library, an installed package or this project.

@@ -113,7 +113,9 @@ def assignments(start: Start) -> tuple[Assignment, ...]:
     places to it, and must not remove them with old messages.
     """
     term = start.epoch * RESTART_TERM
-    return tuple(Assignment(start.robot, index, point, term) for index, point in enumerate(points(start.items)))
+    return tuple(
+        Assignment(start.robot, index, point, term) for index, point in enumerate(points(start.items))
+    )
 
 
 def assignments_since(tasks: TaskList, robot: str, known: int) -> tuple[Assignment, ...]:

@@ -92,9 +92,7 @@ class CleaningRobot(Cleaner):
         words: list[str] = []
         if self.route is not before.route:
             former_places, holds = ({one.key for one in robot.route} for robot in (before, self))
-            words += [
-                f"takes over {key}" for key in sorted(holds - former_places, key=str)
-            ]
+            words += [f"takes over {key}" for key in sorted(holds - former_places, key=str)]
             for key in sorted(former_places - holds, key=str):
                 words.append(f"{'gives up' if self.has_settled(key) else 'hands over'} {key}")
         if not words and self.attempt != before.attempt:

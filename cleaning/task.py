@@ -55,8 +55,15 @@ class Cleaning(Task):
         done="cleaned",
         metrics=(
             Metric(
-                "places", "places done", "places", "places_done", rank=1, worst=0.0, margin=1.0,
-                total="places_total", reported="places_claimed",
+                "places",
+                "places done",
+                "places",
+                "places_done",
+                rank=1,
+                worst=0.0,
+                margin=1.0,
+                total="places_total",
+                reported="places_claimed",
             ),
             Metric(
                 "settled", "running time", "s", "settled_s", "less", "done or given up", rank=2, margin=10.0
@@ -108,7 +115,9 @@ class Cleaning(Task):
             )
         except PlacementError as error:
             where = "in places.areas" if areas else "on all free floor"
-            raise AcrcError(f"cannot draw {count} places for robot {placing.robot} {where}: {error}") from error
+            raise AcrcError(
+                f"cannot draw {count} places for robot {placing.robot} {where}: {error}"
+            ) from error
         return tuple((round(point.x, 3), round(point.y, 3)) for point in points)
 
     def check(self, item: Place, grid: OccupancyGrid) -> str | None:

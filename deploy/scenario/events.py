@@ -161,7 +161,11 @@ _ROBOT_ACTIONS: Final = ("kill", "freeze", "thaw", "restart", "move", "lose", "g
 def event_fault(scenario: Scenario) -> str | None:
     """Return the first error in the events, without a full stop; None if valid."""
     for index, event in enumerate(scenario.event):
-        fault = _action_fault(event, scenario.table) or _robot_fault(event, scenario) or _instant_fault(event, scenario)
+        fault = (
+            _action_fault(event, scenario.table)
+            or _robot_fault(event, scenario)
+            or _instant_fault(event, scenario)
+        )
         if fault:
             return f"event[{index}]{fault}"
     return _sequence_fault(scenario)

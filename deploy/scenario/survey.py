@@ -93,7 +93,9 @@ class _Floor:
         self.preset = f"navigation `{resolved.scenario.presets['navigation']}`"
         self.model, self._room = cache(load_model), cache(self._compute_room)
         reach = resolved.adaptation.settings.get("reach")
-        self.reach = float(reach) if isinstance(reach, int | float) else load_task(resolved.world.task.use).reach
+        self.reach = (
+            float(reach) if isinstance(reach, int | float) else load_task(resolved.world.task.use).reach
+        )
         self.starts = {robot.id: self.part(robot, self.room(robot)) for robot in self.robots}
         """Label of the part of the floor in which each robot starts; 0: none."""
         self.unreached = dict(self._unreached())
@@ -277,9 +279,7 @@ def _door_warnings(floor: _Floor) -> Iterator[str]:
         cells[doors.closed_cells(doors.regions.doors[index])] = OCCUPIED
     if closed:
         floor_after = _floor(floor.resolved, OccupancyGrid(cells, grid.resolution, grid.origin))
-        if names := [
-            str(key) for key in floor_after.unreached if key not in floor.unreached
-        ]:
+        if names := [str(key) for key in floor_after.unreached if key not in floor.unreached]:
             yield (
                 f"no event reopens the doors closed by {max(closed.values()):g} s: no path then "
                 f"leads to {_item_names(floor.resolved, names)}"
@@ -454,8 +454,7 @@ def _scenario_json(found: ScenarioSurvey) -> dict[str, Any]:
         **found.resolved.scenario.presets,
         "out_of_reach": [str(key) for key in found.out_of_reach],
         "close": [
-            {"one": str(one), "other": str(other), "apart_m": apart}
-            for one, other, apart in found.close
+            {"one": str(one), "other": str(other), "apart_m": apart} for one, other, apart in found.close
         ],
     }
 

@@ -33,6 +33,7 @@ def load_behaviour(entry: str, start: Start) -> Behaviour:
         )
     return cast(Behaviour, made)
 
+
 def entry_function(entry: str) -> Callable[[Start], Any]:
     """Return the function of an entry string. Raises BehaviourError."""
     try:
