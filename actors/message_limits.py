@@ -13,7 +13,7 @@ from actors import portable
 from actors.instant import in_seconds
 from actors.items import ITEM_LIMIT, TaskLimits, task_reports_fault
 from actors.messages import FRAME_DATA_LIMIT, MOST_FRAMES, Drive, OutgoingFrame, Transmit
-from actors.orders import AssignItems, Obstacle, Order, Speed, StartJam, Step, Wall
+from actors.orders import ItemAssignment, Obstacle, Order, Speed, StartJam, Step, Wall
 from actors.wording import bounds_text, short_repr
 
 
@@ -71,7 +71,7 @@ def _bounds(order: Order, limits: OrderLimits) -> Iterator[tuple[str, float, flo
         case Wall():
             length = portable.hypot(order.to_x - order.x, order.to_y - order.y)
             yield "length", length, 0, limits.wall
-        case AssignItems():
+        case ItemAssignment():
             yield "items", len(order.items), 1, limits.items
             for item in order.items:
                 yield "items", len(msgspec.msgpack.encode(item)), 1, ITEM_LIMIT

@@ -92,7 +92,7 @@ class Drive(Message, frozen=True):
     transmits: Annotated[int, msgspec.Meta(ge=0, le=MOST_FRAMES)]
     """Number of frames in this step's Transmit; 0: no Transmit is sent."""
     reports: tuple[Any, ...] = ()
-    """Of the task's report type."""
+    """Reports of the task's own type."""
     given_up: tuple[ItemGivenUp, ...] = ()
     route: tuple[ItemKey, ...] | None = None
     """Planned order of items; None: as last reported, initially the items given at the start."""

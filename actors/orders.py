@@ -74,7 +74,7 @@ class Wall(MessagePart, frozen=True, tag="wall"):
     to_y: float
 
 
-class AssignItems(MessagePart, frozen=True, tag="give"):
+class ItemAssignment(MessagePart, frozen=True, tag="give"):
     """Give further items of the task to the robot, of the task's item type."""
 
     robot: str
@@ -121,5 +121,5 @@ class Stop(MessagePart, frozen=True, tag="stop"):
 
 Order = (
     Kill | Freeze | Thaw | Restart | Move | StartJam | LoseFrame | Obstacle | Wall
-    | AssignItems | CloseDoor | OpenDoor | Pause | Resume | Step | Speed | Stop
+    | ItemAssignment | CloseDoor | OpenDoor | Pause | Resume | Step | Speed | Stop
 )  # fmt: skip

@@ -223,7 +223,8 @@ def is_home(spec: ModuleSpec) -> bool:
 def entry_object(entry: str, kind: str, error: type[AcrcError], example: str) -> Any:
     """Return the object of an entry string `module:name`. Raises `error`.
 
-    `kind`: names it in errors, such as "behaviour"; `example`: a valid entry. Errors of the module are passed on.
+    `kind`: names it in errors, such as "behaviour"; `example`: a valid entry. Errors of the module are passed
+    on.
     """
     module_name, colon, name = entry.partition(":")
     if not (colon and is_module_name(module_name) and name):

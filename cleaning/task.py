@@ -11,10 +11,10 @@ from actors.geometry import Point
 from actors.runtime.errors import AcrcError
 from actors.settings import Names, Place, Settings
 from actors.task.task import (
+    DrawInput,
     JudgeSetup,
     MarkStyle,
     Metric,
-    Placing,
     Task,
     TaskDeclaration,
 )
@@ -44,7 +44,7 @@ class PlacesTable(Settings, frozen=True):
     """Places of each robot; absent: 10, as in the original testbed."""
 
 
-class Cleaning(Task):
+class CleaningTask(Task):
     """Robots visit places; a place counts as done if a robot was there and reported it."""
 
     declaration = TaskDeclaration(
@@ -94,7 +94,7 @@ class Cleaning(Task):
         """Return the referee."""
         return Referee(setup)
 
-    def draw(self, settings: PlacesTable, placing: Placing) -> tuple[Place, ...]:
+    def draw(self, settings: PlacesTable, placing: DrawInput) -> tuple[Place, ...]:
         """Return the places of a robot by preset. Raises AcrcError without room."""
         count = _DEFAULT_PLACES if settings.per_robot is None else settings.per_robot
         if settings.preset == "golden" and placing.index < len(GOLDEN):
@@ -164,7 +164,7 @@ class Cleaning(Task):
         return [(name, known[name]) for name in settings.areas]
 
 
-def _golden_places(placing: Placing, count: int) -> tuple[Place, ...]:
+def _golden_places(placing: DrawInput, count: int) -> tuple[Place, ...]:
     points = GOLDEN[placing.index]
     if count > len(points):
         raise AcrcError(
@@ -173,7 +173,7 @@ def _golden_places(placing: Placing, count: int) -> tuple[Place, ...]:
     for index, point in enumerate(points[:count]):
         if not placing.grid.is_free(point):
             raise AcrcError(
-                f"place {index} of robot {placing.robot} is at ({point.x:g}, {point.y:g}), but must be on free "
+                f"place {index} of robot {placing.robot} is at ({point.x:g}, {point.y:g}), but must be on "
                 f'floor of {placing.map}; places.preset "golden" is made for the map corridor'
             )
     return tuple((point.x, point.y) for point in points[:count])

@@ -204,7 +204,7 @@ class Search(task.Task):
         """Return the judge."""
         return SearchJudge(setup)
 
-    def draw(self, settings: SearchTable, placing: task.Placing) -> tuple[Briefing]:
+    def draw(self, settings: SearchTable, placing: task.DrawInput) -> tuple[Briefing]:
         """Return the briefing."""
         return (Briefing(placing.grid.origin, placing.grid.corner, settings.sight),)
 

@@ -8,7 +8,7 @@ from actors.floor.placement import PlacementError, draw_points
 from actors.geometry import Point
 from actors.portable import draws
 from actors.runtime.errors import AcrcError
-from actors.task.task import JudgeSetup, MarkStyle, Metric, Placing, Task, TaskDeclaration
+from actors.task.task import DrawInput, JudgeSetup, MarkStyle, Metric, Task, TaskDeclaration
 from logistics.demand import LogisticsTable
 from logistics.items import Charger, Item, Report, Station
 from logistics.judge import COLUMNS, REACH, LogisticsJudge
@@ -76,7 +76,7 @@ class Logistics(Task):
         """Return the judge."""
         return LogisticsJudge(setup)
 
-    def draw(self, settings: LogisticsTable, placing: Placing) -> tuple[Any, ...]:
+    def draw(self, settings: LogisticsTable, placing: DrawInput) -> tuple[Any, ...]:
         """Return stations and chargers, equal for all robots: as listed, else drawn. Raises AcrcError."""
         stations = [Point(*point) for point in settings.stations]
         stations = stations or _drawn("stations", settings.station_count, placing, settings.chargers)
@@ -113,7 +113,7 @@ class Logistics(Task):
         return {name: [] for name in ("stations", "chargers") if getattr(settings, name)}
 
 
-def _drawn(kind: str, count: int, placing: Placing, others: Sequence[tuple[float, float]]) -> list[Point]:
+def _drawn(kind: str, count: int, placing: DrawInput, others: Sequence[tuple[float, float]]) -> list[Point]:
     try:
         points = draw_points(
             placing.grid,

@@ -4,7 +4,8 @@ The maze has nested rectangular corridors, 10 m by 10 m at 0.05 m per pixel, lik
 original testbed (d3scomp/ROSRemote, simulation/maze.yaml), but another layout. The apartment has rooms of
 different sizes behind doors 0.9 m to 1.0 m wide, pillars, and tables whose legs a range sensor detects.
 The warehouse has rows of racks, 0.8 m deep, with aisles 1.6 m wide, and wider ones around and across them.
-No floor has a rotation or reflection symmetry, so scans determine a pose. With names such as `offices:7` it writes these office floors instead (`actors/floor/offices.py`), for editing by hand.
+No floor has a rotation or reflection symmetry, so scans determine a pose. With names such as `offices:7` it
+writes these office floors instead (`actors/floor/offices.py`), for editing by hand.
 """
 
 import sys

@@ -8,7 +8,7 @@ import numpy as np
 from acrc_testbed.run_model.data import RunData, RunDescription, step_columns
 from actors.floor.grid import FREE, OccupancyGrid
 from actors.instant import in_seconds
-from cleaning.task import Cleaning
+from cleaning.task import CleaningTask
 
 NO_FLOOR = OccupancyGrid(np.full((1, 1), FREE, np.uint8), 1.0)
 
@@ -24,7 +24,7 @@ def run_data(
         robots=robots,
         grid=grid,
         step_us=step_us,
-        task=Cleaning.declaration,
+        task=CleaningTask.declaration,
         item_counts={},
     )
     known = {"powered": columns.get("stepping", False), **columns}

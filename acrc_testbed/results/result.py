@@ -282,7 +282,7 @@ class RunResult(msgspec.Struct, frozen=True, kw_only=True):
     declaration: TaskDeclaration
     """The task's metrics and words."""
     task_summary: str
-    """What the robots did, as predicate of a sentence."""
+    """Predicate of a sentence about the robots: their achievement."""
     task_notes: tuple[str, ...] = ()
     """Further sentences of the task's judge."""
     held_up: dict[str, StepDelays] = {}

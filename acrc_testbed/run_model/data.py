@@ -22,7 +22,17 @@ from actors.floor.grid import OccupancyGrid
 from actors.instant import in_seconds
 from actors.items import ItemKey
 from actors.messages import ItemMark, Jam, TaskEvent
-from actors.orders import AssignItems, CloseDoor, LoseFrame, Move, Obstacle, OpenDoor, Order, StartJam, Wall
+from actors.orders import (
+    CloseDoor,
+    ItemAssignment,
+    LoseFrame,
+    Move,
+    Obstacle,
+    OpenDoor,
+    Order,
+    StartJam,
+    Wall,
+)
 from actors.robot.behaviour.decisions import AdaptationDecision
 from actors.robot.navigation.navigation_counts import GoalRecord
 from actors.runtime.errors import AcrcError, printable
@@ -268,7 +278,7 @@ def ordered_changes(run: RunData) -> list[AppliedOrder]:
     found = []
     for step, order in run.orders:
         if words := _order_text(order, run.description.task):
-            robot = order.robot if isinstance(order, AssignItems | Move | LoseFrame) else ""
+            robot = order.robot if isinstance(order, ItemAssignment | Move | LoseFrame) else ""
             if not isinstance(order, Move) or _has_arrived(run, step, order):
                 found.append(AppliedOrder(in_seconds(step * run.step_us), robot, words))
     return found
@@ -296,7 +306,7 @@ def _order_text(order: Order, task: TaskDeclaration) -> str:
             words = f"door at ({x:.1f}, {y:.1f}) opens"
         case StartJam(x, y, radius, duration):
             words = f"jammer of {radius:g} m at ({x:.1f}, {y:.1f}) for {in_seconds(duration):g} s"
-        case AssignItems(_, items):
+        case ItemAssignment(_, items):
             words = f"receives {len(items)} more {printable(task.item if len(items) == 1 else task.items)}"
         case Move(_, x, y, _):
             words = f"is carried to ({x:.1f}, {y:.1f})"

@@ -7,11 +7,11 @@ from actors.items import ItemGivenUp, ItemKey, TaskReports
 from actors.settings import Settings
 from actors.task.task import (
     Column,
+    DrawInput,
     Judge,
     JudgeSetup,
     MarkStyle,
     Metric,
-    Placing,
     Task,
     TaskDeclaration,
     TaskOutcome,
@@ -23,6 +23,7 @@ from actors.topic import MessagePart
 
 __all__ = [
     "Column",
+    "DrawInput",
     "ItemGivenUp",
     "ItemKey",
     "Judge",
@@ -30,7 +31,6 @@ __all__ = [
     "MarkStyle",
     "MessagePart",
     "Metric",
-    "Placing",
     "Settings",
     "Task",
     "TaskDeclaration",

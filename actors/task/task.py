@@ -188,7 +188,7 @@ class JudgeSetup:
     world: TaskWorld | None = None
     """None on hardware."""
     has_truth: bool = True
-    """False: `watch` is never called, and reports cannot be verified; on hardware without emulated devices."""
+    """False: `watch` is never called and reports cannot be verified; hardware without emulated devices."""
 
 
 class Judge:
@@ -252,8 +252,8 @@ class Judge:
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class Placing:
-    """What a task may use to draw a robot's items."""
+class DrawInput:
+    """Input of a task that draws a robot's items."""
 
     robot: str
     index: int
@@ -289,7 +289,7 @@ class Task:
         """Return the judge of a run."""
         raise NotImplementedError
 
-    def draw(self, settings: Any, placing: Placing) -> tuple[Any, ...]:
+    def draw(self, settings: Any, placing: DrawInput) -> tuple[Any, ...]:
         """Return the initial items of a robot without listed ones. Raises AcrcError without room."""
         return ()
 
@@ -315,7 +315,7 @@ class Task:
         return None
 
     def draw_keys(self, settings: Any, *, has_areas: bool) -> Mapping[str, Any]:
-        """Return keys and values that draw the items that the settings fix for one map; empty: there are none.
+        """Return keys and values that draw the items which the settings fix for one map; empty: none.
 
         `has_areas`: the scenario has named areas.
         """

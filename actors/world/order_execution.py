@@ -10,9 +10,9 @@ from actors.instant import Instant, in_seconds
 from actors.message_limits import OrderLimits, order_fault
 from actors.messages import Drive, Jam, Loss, ProcessOrder
 from actors.orders import (
-    AssignItems,
     CloseDoor,
     Freeze,
+    ItemAssignment,
     Kill,
     LoseFrame,
     Move,
@@ -125,7 +125,7 @@ class Orders:
         if fault := order_fault(order, self._limits):
             raise AcrcError(fault)
         match order:
-            case Kill() | Freeze() | Thaw() | Restart() | Move() | AssignItems():
+            case Kill() | Freeze() | Thaw() | Restart() | Move() | ItemAssignment():
                 self._apply_to_robot(order)
             case StartJam() | LoseFrame():
                 self._apply_to_radio(order)
@@ -134,7 +134,7 @@ class Orders:
             case Pause() | Resume() | Step() | Speed() | Stop():
                 self._apply_to_run(order)
 
-    def _apply_to_robot(self, order: Kill | Freeze | Thaw | Restart | Move | AssignItems) -> None:
+    def _apply_to_robot(self, order: Kill | Freeze | Thaw | Restart | Move | ItemAssignment) -> None:
         if order.robot not in self._roster:
             raise AcrcError(f"cannot {_verb(order)} {order.robot!r}: no such robot")
         member = self._roster[order.robot]
@@ -151,7 +151,7 @@ class Orders:
                 self.effects.starts.append(ProcessOrder(member.id, member.epoch))
             case Move():
                 self._bodies.place(member.index, Pose(order.x, order.y, wrap(order.heading)))
-            case AssignItems():
+            case ItemAssignment():
                 self._give(member, order)
             case _:
                 raise AcrcError(f"cannot {_verb(order)} {order.robot}, which is {member.state.value}")
@@ -164,7 +164,7 @@ class Orders:
             effects.ends.append(member.id)
         member.state = BarrierState.ENDED
 
-    def _give(self, member: Member, order: AssignItems) -> None:
+    def _give(self, member: Member, order: ItemAssignment) -> None:
         """Give items; the robot's process receives them with its next SensorData."""
         items = decode_items(self._task, order.items, "give.items")
         check_room(member, items, self._limits)

@@ -62,8 +62,8 @@ def _parse_give(words: Sequence[str]) -> Order:
     robot, *item = words
     if len(item) == 2:
         with contextlib.suppress(ValueError):
-            return orders.AssignItems(robot, ((float(item[0]), float(item[1])),))
-    return orders.AssignItems(robot, (msgspec.json.decode(" ".join(item)),))
+            return orders.ItemAssignment(robot, ((float(item[0]), float(item[1])),))
+    return orders.ItemAssignment(robot, (msgspec.json.decode(" ".join(item)),))
 
 
 _VERB_SYNTAX: Final[Mapping[str, tuple[str, Callable[[Sequence[str]], Order]]]] = MappingProxyType({

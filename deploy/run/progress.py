@@ -45,7 +45,8 @@ def show_progress(
     if not console.is_terminal:
         print_line = line_printer(console)
         yield lambda message: print_line(
-            f"{in_seconds(message.instant):.0f} of {total:.0f} s simulated, {_done_text(message, items, task)}"
+            f"{in_seconds(message.instant):.0f} of {total:.0f} s simulated, "
+            f"{_done_text(message, items, task)}"
         )
         return
     columns = (

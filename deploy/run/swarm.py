@@ -23,7 +23,7 @@ from actors.floor.map_file import load_map
 from actors.installation.usage import wrong_value
 from actors.installation.version import software_version
 from actors.messages import PROGRESS, ROSTER, ProcessOrder, Progress
-from actors.orders import AssignItems
+from actors.orders import ItemAssignment
 from actors.processes import monitor
 from actors.processes.launcher import ChildProcess, Launcher, Program, create_launcher, scratch_folder
 from actors.processes.monitor import ResourceMonitor, StepDelays, Timeout
@@ -259,7 +259,7 @@ def run(scenario: Scenario, options: RunOptions, launcher: Launcher | None = Non
             print_warning(sentence)
         items = sum(len(robot.items) for robot in prepared.world.robots)
         given = (timed.order for timed in prepared.world.events)
-        items += sum(len(order.items) for order in given if isinstance(order, AssignItems))
+        items += sum(len(order.items) for order in given if isinstance(order, ItemAssignment))
         words = prepared.world.task.declaration
         quiet = options.json or prepared.debug is not None  # the debugger uses the terminal
         check_names(options.log, [robot.id for robot in prepared.world.robots], "--log")

@@ -149,7 +149,7 @@ _ACTIONS: Final[Mapping[str, tuple[tuple[str, ...], Callable[..., Order]]]] = {
     "jam": (("radius", "duration"), lambda at, radius, s: orders.StartJam(at[0], at[1], radius, seconds(s))),
     "lose": (("of",), orders.LoseFrame),
     "obstacle": (("radius",), lambda at, radius: orders.Obstacle(at[0], at[1], radius)),
-    "give": (("items",), orders.AssignItems),
+    "give": (("items",), orders.ItemAssignment),
     "close": ((), lambda at: orders.CloseDoor(*at)),
     "open": ((), lambda at: orders.OpenDoor(*at)),
 }

@@ -25,7 +25,7 @@ from actors.robot_model import load_model
 from actors.runtime.errors import AcrcError
 from actors.settings import plain
 from actors.task.loading import decode_items, load_task, task_setup
-from actors.task.task import Placing
+from actors.task.task import DrawInput
 from actors.world.people import PeopleParameters, PeopleSetup
 from actors.world.uncertainty import Uncertainty
 from actors.world.world_setup import BodySetup, WorldSetup
@@ -349,7 +349,7 @@ def _items(
                     f"but must {fault} of {scenario.map}"
                 )
         return items
-    placing = Placing(
+    placing = DrawInput(
         robot=spec.id,
         index=scenario.ids.index(spec.id),
         start=Pose(*start),

@@ -420,7 +420,8 @@ def _scenario_sentences(found: ScenarioSurvey) -> Sequence[str]:
     facts = _scenario_json(found)
     floor, count, words = facts["floor"], facts["robots"], found.resolved.world.task.declaration
     lines = [
-        f"{count} robot{'s' * (count > 1)}, {facts['items']} {words.items}, {facts['duration_s']:g} s at most, "
+        f"{count} robot{'s' * (count > 1)}, {facts['items']} {words.items}, "
+        f"{facts['duration_s']:g} s at most, "
         f"strategy {facts['strategy']}, seed {facts['seed']}",
         f"floor: {floor['width_m']:.1f} m by {floor['depth_m']:.1f} m, of which a robot's centre can reach "
         f"{floor['reached_m2']:.0f} m²; {facts['regions']} regions, {_narrow_places(floor['narrow_places'])}",

@@ -26,7 +26,7 @@ from actors.processes import kernel_compilation
 from actors.task.task import Value
 from actors.world.sensing import PoseError
 from cleaning.strategies import STRATEGIES
-from cleaning.task import Cleaning
+from cleaning.task import CleaningTask
 from tests import in_process
 
 TREE = command_tree()
@@ -168,7 +168,7 @@ RESULT = RunResult(
     digest="d0d0", robots=2, seed=1, simulated_s=600.0, wall_s=12.345, startup_s=0.9, cpu_s=20.0,
     real_time_factor=48.6, task={"places_total": 4, "places_done": 3, "completion_s": None},
     task_summary="cleaned 3 of 4 places in 600 s of simulated time; 1 is left",
-    declaration=Cleaning.declaration, radio_bytes_per_robot_s=0.25,
+    declaration=CleaningTask.declaration, radio_bytes_per_robot_s=0.25,
     per_robot={"r1": robot(2, 2, 311.25), "r2": robot(2, 1, error=ASTRAY)},
     deeco=DeecoResult({}, {}, None, None),
     navigation=NavigationResult(7, 3, {"blocked": 2, "no plan": 0, "no progress": 1}, 4, 0, {}, 9.5),

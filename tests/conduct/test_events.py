@@ -8,9 +8,9 @@ import pytest
 from actors.instant import Instant
 from actors.messages import ANSWERED, CONTROL, Control, OrderOutcomes
 from actors.orders import (
-    AssignItems,
     CloseDoor,
     Freeze,
+    ItemAssignment,
     Kill,
     Move,
     Obstacle,
@@ -262,10 +262,10 @@ SHUT = (0.4, CloseDoor(24.0, 11.1))
         (OpenDoor(12.45, 9.4), "the door at (12.45, 9.4) is already open"),
         (CloseDoor(24.0, 11.2), "the door at (24, 11.2) is already closed"),
         (CloseDoor(nan, 11.1), f"close.x is nan, {FAR}"),
-        (AssignItems("r1", ((-3.0, 12.0),)), "(-3, 12) is not on free floor; choose another place"),
-        (AssignItems("r9", ((15.5, 12.5),)), "cannot give 'r9': no such robot"),
-        (AssignItems("r1", ()), "give.items is 0, but must be from 1 to 1000"),
-        (AssignItems("r1", ((inf, 0.0),)), "give.items[0] is [Infinity, 0.0], but must be a point "),
+        (ItemAssignment("r1", ((-3.0, 12.0),)), "(-3, 12) is not on free floor; choose another place"),
+        (ItemAssignment("r9", ((15.5, 12.5),)), "cannot give 'r9': no such robot"),
+        (ItemAssignment("r1", ()), "give.items is 0, but must be from 1 to 1000"),
+        (ItemAssignment("r1", ((inf, 0.0),)), "give.items[0] is [Infinity, 0.0], but must be a point "),
     ],
 )
 def test_an_invalid_event_ends_the_run(order: Order, sentence: str) -> None:

@@ -11,7 +11,7 @@ from actors.instant import Instant
 from actors.items import ItemGivenUp, ItemKey, TaskReports
 from actors.message_limits import OrderLimits
 from actors.messages import SensorData
-from actors.orders import AssignItems, Freeze, Kill, Obstacle, Order, Restart, Thaw
+from actors.orders import Freeze, ItemAssignment, Kill, Obstacle, Order, Restart, Thaw
 from actors.runtime.errors import AcrcError
 from actors.settings import Settings
 from actors.task.task import (
@@ -114,7 +114,7 @@ def told(senses: list[SensorData]) -> dict[int, tuple[tuple[float, float], ...]]
 
 def test_only_the_owner_gets_an_added_place_once() -> None:
     play = ScriptedSwarm(
-        2.0, [(0.55, AssignItems("r1", (HERE, THERE))), (1.0, AssignItems("r1", (HERE,)))]
+        2.0, [(0.55, ItemAssignment("r1", (HERE, THERE))), (1.0, ItemAssignment("r1", (HERE,)))]
     ).run()
     assert told(play.acts["r1"].senses) == {6: (HERE, THERE), 10: (HERE,)}
     assert told(play.acts["r2"].senses) == {}
@@ -127,7 +127,7 @@ def test_only_the_owner_gets_an_added_place_once() -> None:
 
 
 def test_the_run_waits_for_added_places() -> None:
-    play = ScriptedSwarm(9.0, [(2.0, AssignItems("r2", (HERE,)))])
+    play = ScriptedSwarm(9.0, [(2.0, ItemAssignment("r2", (HERE,)))])
     play.acts["r1"].says = {
         3: ScriptedAnswer(reports=(VisitReport("r1", 0, 300_000), VisitReport("r2", 0, 300_000)), route=()),
         29: ScriptedAnswer(reports=(VisitReport("r2", 1, 2_900_000),)),
@@ -142,12 +142,12 @@ def test_the_run_waits_for_added_places() -> None:
 
 def test_a_place_is_reached_only_after_it_was_added() -> None:
     passed = ScriptedSwarm(
-        9.0, [(8.0, AssignItems("r1", ((12.5, 13.0),)))], drive=lambda senses: (0.5, 0.0)
+        9.0, [(8.0, ItemAssignment("r1", ((12.5, 13.0),)))], drive=lambda senses: (0.5, 0.0)
     ).run()
     (place,) = [one for one in passed.places if one.number == 1]
     assert (place.reached_at, place.given_at) == (None, 8_000_000)
     before = ScriptedSwarm(
-        9.0, [(0.0, AssignItems("r1", ((12.5, 13.0),)))], drive=lambda senses: (0.5, 0.0)
+        9.0, [(0.0, ItemAssignment("r1", ((12.5, 13.0),)))], drive=lambda senses: (0.5, 0.0)
     ).run()
     (place,) = [one for one in before.places if one.number == 1]
     assert place.reached_by == "r1"
@@ -155,19 +155,19 @@ def test_a_place_is_reached_only_after_it_was_added() -> None:
 
 def test_a_frozen_robot_gets_an_added_place_later_and_a_dead_one_never() -> None:
     play = ScriptedSwarm(
-        2.0, [(0.5, Freeze("r1")), (0.8, AssignItems("r1", (HERE,))), (1.2, Thaw("r1"))]
+        2.0, [(0.5, Freeze("r1")), (0.8, ItemAssignment("r1", (HERE,))), (1.2, Thaw("r1"))]
     ).run()
     assert told(play.acts["r1"].senses) == {12: (HERE,)}
-    play = ScriptedSwarm(2.0, [(0.5, Kill("r1")), (0.8, AssignItems("r1", (HERE,)))]).run()
+    play = ScriptedSwarm(2.0, [(0.5, Kill("r1")), (0.8, ItemAssignment("r1", (HERE,)))]).run()
     (place,) = [one for one in play.places if one.number == 1]
     assert (place.verdict, place.in_route_of) == (PlaceVerdict.LOST, ())
 
 
 def test_a_restarted_robot_gets_all_added_places_again() -> None:
     events: list[tuple[float, Order]] = [
-        (0.5, AssignItems("r2", (HERE,))),
+        (0.5, ItemAssignment("r2", (HERE,))),
         (1.0, Restart("r2")),
-        (1.4, AssignItems("r2", (THERE,))),
+        (1.4, ItemAssignment("r2", (THERE,))),
     ]
     play = ScriptedSwarm(2.0, events)
     play.acts["r2"].says = {7: ScriptedAnswer(route=())}
@@ -178,7 +178,7 @@ def test_a_restarted_robot_gets_all_added_places_again() -> None:
 
 
 def test_a_robot_may_report_and_keep_an_added_place() -> None:
-    play = ScriptedSwarm(2.0, [(0.5, AssignItems("r1", (HERE,)))])
+    play = ScriptedSwarm(2.0, [(0.5, ItemAssignment("r1", (HERE,)))])
     play.acts["r2"].says = {8: ScriptedAnswer(route=(ItemKey("r1", 1),))}
     assert play.run().places[1].in_route_of == ("r1", "r2")
 
@@ -186,10 +186,10 @@ def test_a_robot_may_report_and_keep_an_added_place() -> None:
 def test_the_limit_of_places_fits_one_message() -> None:
     most = OrderLimits().items
     crowd = (HERE,) * most
-    play = ScriptedSwarm(1.0, [(0.2, AssignItems("r1", crowd)), (0.5, Restart("r1"))]).run()
+    play = ScriptedSwarm(1.0, [(0.2, ItemAssignment("r1", crowd)), (0.5, Restart("r1"))]).run()
     assert told(play.acts["r1.1"].senses) == {5: crowd}
     with pytest.raises(AcrcError, match="the limit is 1000"):
-        ScriptedSwarm(1.0, [(0.2, AssignItems("r1", crowd)), (0.5, AssignItems("r1", (HERE,)))]).run()
+        ScriptedSwarm(1.0, [(0.2, ItemAssignment("r1", crowd)), (0.5, ItemAssignment("r1", (HERE,)))]).run()
 
 
 @pytest.fixture
@@ -282,6 +282,6 @@ def test_a_run_ends_once_another_task_is_settled_or_at_its_limit(distance_task: 
 def test_a_task_receives_restarts_and_items_and_can_end_the_run(distance_task: str) -> None:
     with refused("step 0 (0 s): r2 says that it is a fish"):
         distance_run(distance_task, 1.0, fish="says that it is a fish")
-    events: list[tuple[float, Order]] = [(0.5, Restart("r2")), (0.6, AssignItems("r1", ((15.5, 12.5),)))]
+    events: list[tuple[float, Order]] = [(0.5, Restart("r2")), (0.6, ItemAssignment("r1", ((15.5, 12.5),)))]
     _, judge = distance_run(distance_task, 1.0, events)
     assert (judge.restarted, judge.given) == (["r2"], [("r1", (15.5, 12.5))])

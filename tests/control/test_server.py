@@ -29,7 +29,7 @@ from actors.messages import (
     UnmappedObstacle,
 )
 from actors.observer.glyphs import contrast
-from actors.orders import AssignItems, Freeze, Move, Speed
+from actors.orders import Freeze, ItemAssignment, Move, Speed
 from actors.radio.radio_model import RadioSetup
 from actors.runtime.codec import decode, encode
 from actors.runtime.core import Delivery, at
@@ -176,7 +176,7 @@ def test_items_of_another_task_are_drawn_by_its_symbols_and_given_as_text() -> N
     mesh = Mesh()
     link = server.RunLink(stage, mesh, mesh)
     link.send_order('give r1 {"from": [1, 2], "by": 30}')
-    assert mesh.given[0].orders == (AssignItems("r1", ({"from": [1, 2], "by": 30},)),)
+    assert mesh.given[0].orders == (ItemAssignment("r1", ({"from": [1, 2], "by": 30},)),)
     link.send_order('give r1 {"from": [1')
     assert link.lines[-1].refused == 1 and "give ROBOT X Y|JSON" in link.lines[-1].refusal
 

@@ -36,7 +36,7 @@ from actors.randomness import generator
 from actors.robot.behaviour.decisions import AdaptationDecision
 from actors.robot.navigation.navigation_counts import GoalRecord
 from actors.runtime.recording import RecordingError
-from cleaning.task import Cleaning
+from cleaning.task import CleaningTask
 from deploy.run import swarm
 from deploy.run.options import RunOptions
 from tests.experiments import situations
@@ -253,7 +253,9 @@ def test_the_first_applicable_cause_counts() -> None:
 
 
 def test_causes_of_the_task_override_others_but_not_off() -> None:
-    task = msgspec.structs.replace(Cleaning.declaration, causes={"charges": ("#4f5a70", ""), "off": ("", "")})
+    task = msgspec.structs.replace(
+        CleaningTask.declaration, causes={"charges": ("#4f5a70", ""), "off": ("", "")}
+    )
     of = tracks(at(2.0, 1.0), at(2.4, 1.0))
     of.stepping[250:, 0] = False
     events = TaskEvent("r1", 0, "charges"), TaskEvent("r1", 5, "cleaned"), TaskEvent("r1", 200 * STEP, "")

@@ -149,10 +149,10 @@ def test_runs_of_different_tasks_are_not_compared(
 
 TASK = """
 from msgspec.structs import replace
-from cleaning.task import Cleaning
+from cleaning.task import CleaningTask
 
-class Mine(Cleaning):
-    declaration = replace(Cleaning.declaration, name="mine", metrics=Cleaning.declaration.metrics[:1])
+class Mine(CleaningTask):
+    declaration = replace(CleaningTask.declaration, name="mine", metrics=CleaningTask.declaration.metrics[:1])
 """
 
 

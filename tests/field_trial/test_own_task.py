@@ -82,7 +82,7 @@ def test_a_task_that_is_not_permitted_is_not_loaded(far: Path, monkeypatch: pyte
 
 
 def test_recordings_of_different_tasks_are_refused(head_on: Run, far: Path) -> None:
-    with pytest.raises(FieldTrialError, match=r"of the tasks '.*Beacons' and 'cleaning.task:Cleaning'"):
+    with pytest.raises(FieldTrialError, match=r"of the tasks '.*Beacons' and 'cleaning.task:CleaningTask'"):
         read_field_trial([far, head_on.out / "world"])
 
 

@@ -50,7 +50,7 @@ from actors.orders import Obstacle, StartJam, Wall
 from actors.runtime.recording import RecordingError
 from actors.topic import Message
 from actors.world.world_setup import TimedOrder, WorldSetup
-from cleaning.task import Cleaning
+from cleaning.task import CleaningTask
 from tests.recorded_runs import HEAD_ON, record
 
 
@@ -281,7 +281,7 @@ def test_lanes_of_delayed_robots_come_first(ordered_run: RunData, monkeypatch: p
     assert run_page.lane_order(ordered_run, doing) == sorted(kept, key=lambda robot: -kept[robot])
 
 
-TASK = Cleaning.declaration
+TASK = CleaningTask.declaration
 ALL_MARKS = (*item_marks(TASK).values(), *MARKS.values(), *event_marks(TASK).values())
 
 

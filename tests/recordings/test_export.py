@@ -9,12 +9,12 @@ from pyarrow import parquet
 
 from acrc_testbed.export.parquet_files import schema_page, tables_of
 from actors.installation.repository import REPOSITORY
-from cleaning.task import Cleaning
+from cleaning.task import CleaningTask
 from tests.documentation.markdown import pages
 from tests.in_process import acrc
 from tests.recorded_runs import record
 
-TABLES = tables_of(Cleaning.declaration)
+TABLES = tables_of(CleaningTask.declaration)
 PAGE = "docs/tables.md"
 Rows = list[dict[str, Any]]
 
@@ -37,7 +37,7 @@ def tables(exported: Path) -> dict[str, Rows]:
 
 
 def test_files_and_page_have_the_columns_and_their_meanings(exported: Path) -> None:
-    assert (REPOSITORY / PAGE).read_text().endswith(schema_page(Cleaning.declaration))
+    assert (REPOSITORY / PAGE).read_text().endswith(schema_page(CleaningTask.declaration))
     for table in TABLES:
         schema = parquet.read_schema(exported / "runs" / "tables" / "tables" / f"{table.name}.parquet")
         assert schema.names == [one.name for one in table.columns]

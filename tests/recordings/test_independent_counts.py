@@ -37,7 +37,7 @@ from actors.messages import (
     FrameSent,
     Truth,
 )
-from cleaning.task import Cleaning
+from cleaning.task import CleaningTask
 from tests.recorded_runs import record
 from tests.recordings.counting import PAUSE
 
@@ -65,7 +65,7 @@ give = "r1"
 places = [[9.0, 12.0], [10.0, 12.0]]
 """
 Key = tuple[str, int]
-METRICS = task_metrics(Cleaning.declaration)
+METRICS = task_metrics(CleaningTask.declaration)
 
 
 @dataclass(frozen=True)

@@ -17,7 +17,7 @@ from actors.robot_model import load_model
 from actors.runtime import regular_file
 from actors.runtime.errors import AcrcError, printable
 from actors.runtime.isolation import credentials
-from cleaning.task import Cleaning
+from cleaning.task import CleaningTask
 from deploy.fleet.collect import collect
 from deploy.fleet.fleet_file import load_fleet
 from deploy.scenario.scenario_file import load_scenario
@@ -187,7 +187,7 @@ def test_pipes_devices_and_huge_files_are_refused(copy: Path, tmp_path: Path, na
 def test_nothing_is_written_through_links_in_a_campaigns_folder(tmp_path: Path, victim: Path) -> None:
     study = Study(
         name="received",
-        task=Cleaning.declaration,
+        task=CleaningTask.declaration,
         scenario="/nowhere/scenario.toml",
         strategies=("none", "chapter"),
         seeds=2,

@@ -26,7 +26,7 @@ from actors.robot import assembly
 from actors.robot.stack import Stack
 from actors.runtime.recording import scans
 from cleaning import visits
-from cleaning.task import Cleaning
+from cleaning.task import CleaningTask
 from deploy.run import progress
 from deploy.run.options import RunOptions
 from deploy.run.plan import shared_arguments
@@ -124,7 +124,7 @@ def test_a_log_has_a_line_of_progress_every_ten_seconds(
         ),
         (True, []),
     ):
-        with progress.show_progress(600_000_000, 40, Cleaning.declaration, quiet=quiet) as follow:
+        with progress.show_progress(600_000_000, 40, CleaningTask.declaration, quiet=quiet) as follow:
             for second in range(25):
                 now[0] = float(second)
                 follow(Progress(second, second * 4_000_000, 40 - second, second, finished=False))

@@ -9,9 +9,9 @@ import pytest
 from actors.geometry import Point
 from actors.installation.repository import REPOSITORY
 from actors.orders import (
-    AssignItems,
     CloseDoor,
     Freeze,
+    ItemAssignment,
     Kill,
     LoseFrame,
     Move,
@@ -121,7 +121,7 @@ def test_events_become_orders_in_the_order_of_their_instants() -> None:
         TimedOrder(3_000_000, StartJam(10.0, 12.0, 3.0, 1_500_000)),
         TimedOrder(4_000_000, Obstacle(9.0, 12.0, 0.2)),
         TimedOrder(4_000_000, LoseFrame("r2", "r1")),
-        TimedOrder(5_000_000, AssignItems("r2", ((9.0, 12.0), (10.0, 12.0)))),
+        TimedOrder(5_000_000, ItemAssignment("r2", ((9.0, 12.0), (10.0, 12.0)))),
         TimedOrder(6_000_000, CloseDoor(12.4, 9.4)),
         TimedOrder(7_000_000, OpenDoor(12.4, 9.5)),
         TimedOrder(9_500_000, Restart("r1")),

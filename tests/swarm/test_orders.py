@@ -26,7 +26,7 @@ from tests.swarm.command import ROOT, begin, leftovers, processes_of
         ("jam 1 2 3 4.5", given.StartJam(1.0, 2.0, 3.0, 4_500_000)),
         ("obstacle 1 2 0.3", given.Obstacle(1.0, 2.0, 0.3)),
         ("wall 1 2 3 4", given.Wall(1.0, 2.0, 3.0, 4.0)),
-        ("give r2 9 12.5", given.AssignItems("r2", ((9.0, 12.5),))),
+        ("give r2 9 12.5", given.ItemAssignment("r2", ((9.0, 12.5),))),
         ("close 12.5 9.4", given.CloseDoor(12.5, 9.4)),
         ("open 12.5 9.4", given.OpenDoor(12.5, 9.4)),
         ("pause", given.Pause()),

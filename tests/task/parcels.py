@@ -13,13 +13,13 @@ from actors.instant import Instant, in_seconds
 from actors.robot.behaviour import Behaviour, Decision, GoalOrder, GoalStatus, Start, View
 from actors.task import (
     Column,
+    DrawInput,
     ItemKey,
     Judge,
     JudgeSetup,
     MarkStyle,
     MessagePart,
     Metric,
-    Placing,
     Settings,
     Task,
     TaskDeclaration,
@@ -158,7 +158,7 @@ class Parcels(Task):
     def judge(self, setup: JudgeSetup) -> Judge:
         return ParcelJudge(setup)
 
-    def draw(self, settings: ParcelsTable, placing: Placing) -> tuple[Parcel, ...]:
+    def draw(self, settings: ParcelsTable, placing: DrawInput) -> tuple[Parcel, ...]:
         here = placing.start.point
         return (Parcel(here.x, here.y, settings.kilograms),) * settings.per_robot
 

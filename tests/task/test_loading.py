@@ -7,7 +7,7 @@ import pytest
 from actors.task.loading import DEFAULT, load_task, task_entry
 from actors.task.task import TaskError
 from actors.user_code import set_task_folders
-from cleaning.task import Cleaning
+from cleaning.task import CleaningTask
 from tests.in_process import acrc
 from tests.refusals import refused
 
@@ -92,7 +92,9 @@ def test_items_must_be_sendable(folder: Path) -> None:
 
 
 def test_names_and_entries(folder: Path) -> None:
-    assert task_entry(DEFAULT) == "cleaning.task:Cleaning" and isinstance(load_task(DEFAULT), Cleaning)
+    assert task_entry(DEFAULT) == "cleaning.task:CleaningTask" and isinstance(
+        load_task(DEFAULT), CleaningTask
+    )
     assert load_task("idle_task:Idle").declaration.name == "idle"
 
 
