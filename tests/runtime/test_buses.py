@@ -156,6 +156,6 @@ def test_the_limit_is_a_byte_wide_and_holds_on_every_bus(over_zenoh: Send, tmp_p
 def test_value_of_wrong_type_is_named_by_its_path() -> None:
     report = VisitReport("r1", np.int64(3), 5)  # type: ignore[arg-type]
     assert over_memory(Drive(7, 0.0, 0.0, 0.0, 0, reports=(report,))) == (
-        f"step 7: Drive on {KEY} has np.int64(3) of type numpy.int64 in reports[0].place; it must be a "
+        f"step 7: Drive on {KEY} has np.int64(3) of type numpy.int64 in reports[0].number; it must be a "
         "plain value (Encoding objects of type numpy.int64 is unsupported)"
     )

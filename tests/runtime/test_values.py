@@ -12,7 +12,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from actors.items import ItemGivenUp, ItemKey
+from actors.items import ItemGivenUp, ItemKey, plain_items
 from actors.messages import (
     DRIVE,
     MESSAGE_VERSION,
@@ -75,7 +75,8 @@ def packed(*values: object) -> bytes:
 
 @given(DRIVES)
 def test_a_drive_survives_the_wire(message: Drive) -> None:
-    assert decode(DRIVE, "k", encode(message)) == message  # type: ignore[arg-type]
+    plain = msgspec.structs.replace(message, reports=plain_items(message.reports))
+    assert decode(DRIVE, "k", encode(message)) == plain  # type: ignore[arg-type]
 
 
 @given(RECEIVEDS)
@@ -101,8 +102,8 @@ def test_any_bytes_decode_or_are_a_wire_error(payload: bytes) -> None:
         (DRIVE, packed(3, 0.1, "x", 0.2, 0), "swarm/k: Drive.vy is 'x', but must be a number"),
         (
             DRIVE,
-            packed(3, 0.1, 0.0, 0.2, 0, [["r1", 2.5, 4]]),
-            "swarm/k: Drive.reports[0].place is 2.5, but must be a whole number",
+            packed(3, 0.1, 0.0, 0.2, 0, [], [["r1", 2.5, 4, "x"]]),
+            "swarm/k: Drive.given_up[0].number is 2.5, but must be a whole number",
         ),
         (DRIVE, packed(3), "swarm/k: Drive is [3], but must be a list of at least length 5"),
         (
