@@ -7,6 +7,7 @@ import msgspec
 
 from actors.geometry import Coordinate, Point
 from actors.items import ItemKey
+from actors.runtime.errors import AcrcError
 from actors.topic import MessagePart
 
 _Index = Annotated[int, msgspec.Meta(ge=0, le=1000)]
@@ -94,8 +95,11 @@ Report: TypeAlias = PickupReport | DeliveryReport | ChargingRequest
 
 
 def decoded(items: Sequence[Any]) -> tuple[Item, ...]:
-    """Return items as structs."""
-    return msgspec.convert(list(items), tuple[Item, ...])
+    """Return items as structs. Raises AcrcError for items of another task."""
+    try:
+        return msgspec.convert(list(items), tuple[Item, ...])
+    except msgspec.ValidationError as error:
+        raise AcrcError(f"the robot has items of another task than logistics: {error}") from None
 
 
 def stations(items: Sequence[Item]) -> tuple[Point, ...]:

@@ -58,8 +58,8 @@ class AuctionParameters(ThresholdParameters):
     """Least gain of a takeover, s."""
     most_offers: int = 3
     """Orders published at a time, in rotation."""
-    distance: float = 1.5
-    """Greatest distance between robots that give way, m."""
+    distance: float = 2.5
+    """Greatest distance between robots that give way, m: head-on in a door they stop up to 1.7 m apart."""
     patience: int = 3
     """Seconds after which a standing robot with a target is blocked."""
     insist: int = 8
