@@ -11,6 +11,7 @@ from actors.instant import Instant
 from actors.items import ItemKey
 from actors.robot.behaviour import Start, TaskList
 from actors.settings import Place
+from actors.runtime.errors import AcrcError
 from actors.topic import MessagePart
 from deeco.schema import Resolution
 
@@ -102,8 +103,11 @@ def visit_report(key: ItemKey, now: Instant) -> VisitReport:
 
 
 def points(items: Sequence[Any]) -> tuple[Point, ...]:
-    """Return the places given to a robot, m, map frame."""
-    return tuple(Point(x, y) for x, y in msgspec.convert(list(items), tuple[Place, ...]))
+    """Return the places given to a robot, m, map frame. Raises AcrcError for items of another task."""
+    try:
+        return tuple(Point(x, y) for x, y in msgspec.convert(list(items), tuple[Place, ...]))
+    except msgspec.ValidationError as error:
+        raise AcrcError(f"the robot has items of another task than cleaning: {error}") from None
 
 
 def assignments(start: Start) -> tuple[Assignment, ...]:

@@ -33,7 +33,7 @@ START = VirtualSwarm(partial(load_behaviour, entry("none")), OPEN, {"r1": PLACES
 
 @pytest.mark.parametrize("name", STRATEGIES)
 def test_each_shipped_strategy_can_be_created_and_has_a_short_description(name: str) -> None:
-    made = load_behaviour(entry(name), START)
+    made = load_behaviour(entry(name), replace(START, items=()))
     if name == "chapter-giving-up":
         assert made._component.parameters.attempts == 5  # type: ignore[attr-defined]
     if name == "make-way":
