@@ -52,6 +52,8 @@ class AuctionParameters(ThresholdParameters):
     """Charge that driving takes per second."""
     gain: float = 0.00013
     """Charge that a charger gives per second."""
+    share: float = 0.02
+    """Charge above that of a waiting robot at which the robot leaves its charger."""
     full: float = 0.9
     """Charge at which an idle robot leaves its charger."""
     margin: float = 10.0
@@ -164,12 +166,16 @@ class BiddingCarrierRobot(ThresholdRobot, OrderBidder):
             return any(not self.rivals(charger) for charger in range(len(self.chargers)))
         way = self._length(floor, self.position, [held])
         home = min((distance(floor, self.stations[held.delivery], one) for one in self.chargers), default=0.0)
-        return self.charge - p.drain * (way + home) / TYPICAL_SPEED < p.low
+        wait = min(self.charger_costs().values(), default=0.0)
+        return self.charge - p.drain * (way + home + wait) / TYPICAL_SPEED < p.low
 
     def has_enough(self) -> bool:
-        """Return True if charged well enough to work, or for an idle robot to be full or to make room."""
-        p, is_wanted = self.parameters, any(one.charger == self.charger >= 0 for one in self.users)
-        return self.charge >= (p.enough if self.orders or is_wanted else p.full)
+        """Return True if charged enough to work, or if idle to be full or to make room for another robot."""
+        p, waiting = self.parameters, [one.charge for one in self.users if one.charger == self.charger >= 0]
+        enough = p.enough if self.orders or waiting else p.full
+        if waiting:
+            enough = min(enough, max(min(waiting), p.low) + p.share)
+        return self.charge >= enough
 
     def charger_costs(self) -> Mapping[int, float]:
         """Return the estimated waiting time at each charger, as a distance, m."""

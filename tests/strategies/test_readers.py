@@ -12,7 +12,7 @@ from actors.user_code import set_folders
 from cleaning.strategies import STRATEGIES
 
 EXAMPLE = "examples.courteous:behaviour"
-RUN = "run scenarios/head_on.toml --strategy {strategy} --duration {seconds} --bus memory --out {out}"
+RUN = "run scenarios/{scenario}.toml --strategy {strategy} --duration {seconds} --bus memory --out {out}"
 READERS = (
     "explain {out} r1 --modules .", "causes {out}", "record check {out}", "record info {out}",
     "branch {out}@0.5 --modules . --out {out}/../branch",
@@ -46,5 +46,6 @@ def test_a_run_of_every_strategy_is_read_by_every_command(strategy: str, tmp_pat
     if strategy == "oracle":  # its robots share memory, so none of them can be replayed alone
         alone = ("explain", "export", "replay {out} --robot")
         readers = tuple(words for words in readers if not words.startswith(alone))
+    scenario = "logistics" if strategy.startswith("logistics-") else "head_on"
     for words in (RUN, *readers):
-        call(words.format(strategy=strategy, seconds=3, out=tmp_path / "run"))
+        call(words.format(scenario=scenario, strategy=strategy, seconds=3, out=tmp_path / "run"))
