@@ -1,15 +1,15 @@
 """Upper bound of the orders that any strategy could deliver in a run of a scenario.
 
 Relaxation: robots know all orders in advance, never meet, drive at full speed on shortest paths, need no time
-and no way between orders, share all work, and charge wherever they are. What remains: a load moves after its
-order has arrived and before the run ends, by robots of limited number, capacity and speed; and the energy of
-that distance comes from batteries and chargers, whose use takes the robots' time. For these limits the rule
-of Moore and Hodgson (Moore 1968) gives the greatest number of orders: add orders by latest possible start,
-and drop the longest one whenever the work does not fit.
+and no way between orders, share all work, and charge wherever they are. The remaining limits: a load moves
+after its order has arrived and before the run ends, by robots of limited number, capacity and speed; and the
+energy of that distance comes from batteries and chargers, whose use takes the robots' time. For these limits
+the rule of Moore and Hodgson (Moore 1968) gives the greatest number of orders: add orders by latest possible
+start, and drop the longest one whenever the work does not fit.
 
 Each limit is one of the run, too, so no run delivers more. Distances are 8 % shorter than paths on the map's
-grid, which turn by multiples of 45°, and end at the judge's reach. A real path can be shorter only if
-`[uncertainty]` moves walls.
+grid, which turn by multiples of 45°, and end at the judge's reach. Exceptions: `[uncertainty]` may move walls,
+a `restart` replaces an empty battery, and a `move` carries a robot.
 """
 
 import heapq

@@ -79,7 +79,7 @@ class OrderState:
 
 @dataclass
 class RobotState:
-    """What the judge knows of one robot."""
+    """State of one robot."""
 
     items: int
     """Number of items that it was given."""
@@ -162,7 +162,7 @@ class LogisticsJudge(Judge):
                 return fault
         for key in (*(one.key for one in answer.given_up), *(answer.route or ())):
             if (key.owner, key.number) not in self._orders:
-                return f"gives up {key} or has it in its route, which is no order"
+                return f"gives up {key} or has it in its route, which does not exist"
         return None
 
     def restart(self, robot: str) -> None:

@@ -64,7 +64,7 @@ def test_unknown_orders_and_chargers_are_errors() -> None:
     assert bench.wants("r1", 7) == "wants charger 7, which does not exist"
     answer = Answer(route=(ItemKey("r2", 1),))
     wrong = bench.judge.take("r1", answer, 0, 100_000)
-    assert wrong == "gives up r2/1 or has it in its route, which is no order"
+    assert wrong == "gives up r2/1 or has it in its route, which does not exist"
     assert bench.judge.give(Instant(0), "r1", ()) == "this task takes no further items"
 
 
