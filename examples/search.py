@@ -161,7 +161,7 @@ class SearchJudge(task.Judge):
             {"target": str(key), "seen_by": by, "found_s": reported.get(key)} for key, (_, by) in seen.items()
         )
         finders = [by for _, by in seen.values()]
-        robots = {robot: {"seen_first": finders.count(robot)} for robot in self._setup.robots}
+        robots = {robot: {"seen": finders.count(robot)} for robot in self._setup.robots}
         summary = f"found {len(reported)} of {total} targets and saw {len(seen)} in {in_seconds(end):g} s"
         return task.TaskOutcome(summary, values, robots, items)
 
@@ -175,7 +175,7 @@ class Search(task.Task):
             task.Metric("found", "targets found", "targets", "found", rank=1, worst=0.0, total="targets"),
             task.Metric("search", "time to find all", "s", "search_s", "less", "all found", rank=2),
             task.Metric("seen", "targets seen by a robot", "targets", "seen", worst=0.0, total="targets"),
-            task.Metric("delay", "mean time from seen to found", "s", "delay_s", "less"),
+            task.Metric("delay", "time from seen to found", "s", "delay_s", "less"),
             task.Metric("covered", "share of the floor that a robot saw", "", "covered", worst=0.0),
         ),
         marks={
@@ -194,7 +194,7 @@ class Search(task.Task):
             task.Column("found_s", "number", "Time at which the base knew of it, s"),
         ),
         causes={"is the base": ("#9aa5b1", "")},
-        cells={"targets seen first": ("seen_first",)},
+        cells={"targets seen first": ("seen",)},
     )  # fmt: skip
     settings = SearchTable
     item = Briefing | Sighting
@@ -374,8 +374,7 @@ class Exchange:
 
 def _host(start: Start, *, shares: bool, relays: bool) -> Behaviour:
     parameters, here = from_settings(SearchParameters, start.settings), start.pose.point
-    (floor,) = convert(start.items, tuple[Briefing])
-    number = list(start.members).index(start.robot)
+    floor, number = convert(start.items[0], Briefing), list(start.members).index(start.robot)
     cells = math.prod(math.ceil((b - a) / CELL) for a, b in zip(floor.low, floor.high, strict=True))
     robot = SearchRobot(
         id=start.robot, position=here, parameters=parameters, floor=floor, home=here, is_base=number == 0
