@@ -71,11 +71,12 @@ class Sighting(MessagePart, frozen=True, tag="sighting"):
 
 
 class SearchJudge(task.Judge):
-    """task.Judge that shows robots the targets in their sight, and counts those that the base reports."""
+    """Judge that shows robots the targets in their sight, and counts those that the base reports."""
 
     def __init__(self, setup: task.JudgeSetup) -> None:
         super().__init__()
-        assert setup.grid is not None and setup.world is not None  # not on hardware
+        if setup.grid is None or setup.world is None:
+            raise task.TaskError("the task search requires a simulated world; remove it from the fleet file")
         self._setup, self._table, self._grid, self._world = setup, setup.settings, setup.grid, setup.world
         random, grid, count = generator(setup.seed, "task", "targets"), setup.grid, setup.settings.targets
         self._targets = np.array(draw_points(grid, count, rng=random, clearance=0.3, apart=1.0, passage=0.2))
@@ -267,13 +268,9 @@ class SearchRobot(Searcher):
         for one in robot.targets if self.is_base else ():
             monitor.report(ItemKey("target", one.number))
             robot = robot.knowing((), 1 << one.number)
-        return robot.covering(
-            [
-                n
-                for n in robot.uncovered()
-                if robot.distance(plan, robot.centre(n)) < self.floor.sight - 0.7 * CELL
-            ]
-        )
+        reach = self.floor.sight - 0.7 * CELL  # of a cell's centre, so that the whole cell is in sight
+        near = [n for n in robot.uncovered() if robot.distance(plan, robot.centre(n)) < reach]
+        return robot.covering(near)
 
     @periodic(every=seconds(1), order=1)
     def drive(self, navigation: Navigation, plan: FloorPlan) -> Self:
@@ -316,17 +313,16 @@ class SearchRobot(Searcher):
         """Return where to stand as a relay, on the path from the base to the farthest robot."""
         if not 0 < self.rank <= self.parameters.relays or not self.peers:
             return None
-        far, away = (
-            max((peer.position for peer in self.peers), key=self.home.distance_to),
-            self.rank * self.parameters.link,
-        )
+        far = max((peer.position for peer in self.peers), key=self.home.distance_to)
+        away = self.rank * self.parameters.link
         path = plan.path(self.home, far) or ()
         return next((point for point in path if not point.is_nearer(self.home, away)), None)
 
     def knowing(self, targets: Sequence[Sighting], confirmed: int) -> Self:
         """Return the robot with further targets, without those that the base knows."""
         confirmed |= self.confirmed
-        known = {one.number: one for one in (*targets, *self.targets) if not confirmed >> one.number & 1}
+        found = [one for one in (*targets, *self.targets) if 0 <= one.number < 60]  # as in SearchTable
+        known = {one.number: one for one in found if not confirmed >> one.number & 1}
         return replace(self, targets=tuple(known[n] for n in sorted(known)), confirmed=confirmed)
 
     def sharing(self, peer: Searcher) -> Self:
