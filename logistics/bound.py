@@ -8,8 +8,8 @@ the rule of Moore and Hodgson (Moore 1968) gives the greatest number of orders: 
 start, and drop the longest one whenever the work does not fit.
 
 Each limit is one of the run, too, so no run delivers more. Distances are 8 % shorter than paths on the map's
-grid, which turn by multiples of 45°, and end at the judge's reach. Exceptions: `[uncertainty]` may move walls,
-a `restart` replaces an empty battery, and a `move` carries a robot.
+grid, which turn by multiples of 45°, and end at the judge's reach. Exceptions: `[uncertainty]` may move
+walls, a `restart` replaces an empty battery, and a `move` carries a robot.
 """
 
 import heapq
