@@ -2,8 +2,8 @@
 
     ./acrc run scenarios/search.toml --modules examples --strategy search:relay
 
-The first robot is the base and stands. Others start within its radio range, drive, see targets, and report them
-to it by radio.
+The first robot is the base and stands. Others start within its radio range, drive, see targets,
+and report them by radio.
 """
 
 import math
