@@ -54,6 +54,8 @@ class OrderConfirmation(MessagePart, frozen=True, tag="confirmed"):
     owner: str
     number: int
     """As in ItemKey."""
+    pickup: _Index
+    delivery: _Index
     is_delivered: bool
 
     @property

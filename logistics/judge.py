@@ -84,7 +84,7 @@ class RobotState:
     items: int
     """Number of items that it was given."""
     known: dict[tuple[bool, int], bool]
-    """Stations and chargers whose last told status is not "works"."""
+    """Status of stations and chargers that it was told last."""
     statuses: int = 0
     request: int = -1
     """Charger by which it wants to be charged; -1: none."""
@@ -166,13 +166,8 @@ class LogisticsJudge(Judge):
         return None
 
     def restart(self, robot: str) -> None:
-        """Process a restart: the robot's loads are brought back to their stations."""
-        for one in self._orders.values():
-            if one.carrier == robot and one.delivered is None:
-                one.picked_up = one.carrier = None
-                self._show(one)
-        state = self._robots[robot]
-        state.request, state.known = -1, {}
+        """Process a restart: loads stay on the robot, and its confirmations tell it again."""
+        self._robots[robot].request = -1
 
     def progress(self, present: Collection[str]) -> TaskProgress:
         """Count undelivered and delivered orders."""
@@ -262,7 +257,8 @@ class LogisticsJudge(Judge):
                 return f"wants charger {report.charger}, which does not exist"
             state.request = report.charger
             return None
-        one = self._orders.get((report.owner, report.number))
+        key = report.owner, report.number
+        one = self._orders.get(key)
         if one is None:
             return f"reports order {report.number} of {short_repr(report.owner)}, which does not exist"
         is_pickup = isinstance(report, PickupReport)
@@ -276,7 +272,7 @@ class LogisticsJudge(Judge):
         else:
             state.refused += 1
             return None
-        self._tell(robot, OrderConfirmation(report.owner, report.number, not is_pickup))
+        self._tell(robot, OrderConfirmation(*key, one.order.pickup, one.order.delivery, not is_pickup))
         self.note(robot, report.instant, "picked up" if is_pickup else "delivered", one.key)
         self._show(one)
         return None

@@ -62,8 +62,8 @@ class HeldOrder(NamedTuple):
     key: ItemKey
     pickup: int
     delivery: int
-    deadline: int
-    """µs."""
+    deadline: int = 0
+    """µs; 0: unknown."""
     term: int = 0
     """Number of takeovers known to the holder; the highest term, then the greatest robot id, holds it."""
     is_loaded: bool = False
@@ -217,9 +217,11 @@ class DeliveryRobot(Carrier):
                 return replace(self, orders=(*self.orders, held))
             case OrderConfirmation() if item.is_delivered:
                 return self.without({item.key}, settled=True)
-            case OrderConfirmation():
-                orders = [one._replace(is_loaded=True) if one.key == item.key else one for one in self.orders]
-                return replace(self, orders=tuple(orders), reports=0)
+            case OrderConfirmation():  # also of another robot's order, after a restart
+                held = HeldOrder(item.key, item.pickup, item.delivery)
+                held = next((one for one in self.orders if one.key == item.key), held)
+                rest = tuple(one for one in self.orders if one.key != item.key)
+                return replace(self, orders=(*rest, held._replace(is_loaded=True)), reports=0)
             case FacilityStatus(is_charger, index, works):
                 out = self.failed if is_charger else self.closed
                 out = (*(one for one in out if one != index), *(() if works else (index,)))

@@ -16,14 +16,15 @@ from tests.logistics.fakes import SITES, Answer, Bench, outage
 def test_an_order_is_carried_and_confirmed() -> None:
     bench = Bench(orders=1)
     key, pickup, delivery = bench.order()
+    ends = SITES.index(pickup), SITES.index(delivery)
     bench.put("r2", pickup.x + 0.4, pickup.y)
     bench.advance()
     assert bench.picks_up("r2", key) is None, "by any robot"
-    assert bench.world.given[-1] == ("r2", OrderConfirmation(key.owner, key.number, False))
+    assert bench.world.given[-1] == ("r2", OrderConfirmation(key.owner, key.number, *ends, False))
     bench.put("r2", delivery.x, delivery.y)
     bench.advance(10)
     assert not bench.judge.settled and bench.delivers("r2", key) is None
-    assert bench.world.given[-1] == ("r2", OrderConfirmation(key.owner, key.number, True))
+    assert bench.world.given[-1] == ("r2", OrderConfirmation(key.owner, key.number, *ends, True))
     (row,) = bench.rows()
     assert (row["state"], row["carrier"], row["delivered_s"]) == ("delivered", "r2", bench.now / 1e6)
     outcome = bench.outcome()
@@ -147,17 +148,21 @@ def test_robots_that_ran_empty_are_counted_and_leave_their_charger() -> None:
     assert (values["robots_empty"], values["first_empty_s"], bench.world.charged) == (1, 0.1, [])
 
 
-def test_a_restarted_robot_loses_its_load_and_its_charger() -> None:
+def test_a_restarted_robot_keeps_its_load_and_must_request_its_charger_again() -> None:
     bench = Bench(orders=1)
-    key, pickup, _ = bench.order()
+    key, pickup, delivery = bench.order()
     bench.put("r1", pickup.x, pickup.y)
     bench.advance()
     bench.picks_up("r1", key)
     bench.wants("r1")
     bench.judge.restart("r1")
-    assert bench.rows()[0]["state"] == "waiting" and bench.rows()[0]["picked_up_s"] is None
-    bench.picks_up("r1", key)
-    assert bench.rows()[0]["state"] == "carried"
+    bench.put("r1", 0.0, 5.0)
+    bench.advance()
+    assert bench.rows()[0]["state"] == "carried" and bench.world.charged == []
+    bench.put("r1", delivery.x, delivery.y)
+    bench.advance()
+    bench.delivers("r1", key)
+    assert bench.rows()[0]["state"] == "delivered"
 
 
 MOVES = st.lists(st.tuples(st.integers(0, 1), st.integers(0, 3), st.integers(0, 5)), max_size=60)
