@@ -243,8 +243,8 @@ class DeliveryRobot(Carrier):
         charger = self.charger
         if self.has_enough():
             charger = -1
-        elif charger in self.failed or (not self.is_there() if charger >= 0 else self.needs_charge(floor)):
-            charger = self.best_charger(floor)
+        elif charger < 0 or charger in self.failed or not self.is_there():
+            charger = self.best_charger(floor) if self.needs_charge(floor) else -1
         if charger != self.charger:
             monitor.report(ChargingRequest(charger, now))
         return replace(self, charger=charger)

@@ -167,25 +167,26 @@ class BiddingCarrierRobot(ThresholdRobot, OrderBidder):
         way = self._length(floor, self.position, [held])
         home = min((distance(floor, self.stations[held.delivery], one) for one in self.chargers), default=0.0)
         wait = min(self.charger_costs().values(), default=0.0)
-        return self.charge - p.drain * (way + home + wait) / TYPICAL_SPEED < p.low
+        least = p.low if self.charger < 0 else p.low + p.share / 2  # keeps the decision on the way
+        return self.charge - p.drain * (way + home + wait) / TYPICAL_SPEED < least
 
     def has_enough(self) -> bool:
         """Return True if charged enough to work, or if idle to be full or to make room for another robot."""
-        p, waiting = self.parameters, [one.charge for one in self.users if one.charger == self.charger >= 0]
+        p = self.parameters
+        waiting = [one.charge for one in self.users if one.charger == self.charger and one.charge < p.enough]
         enough = p.enough if self.orders or waiting else p.full
         if waiting:
             enough = min(enough, max(min(waiting), p.low) + p.share)
         return self.charge >= enough
 
     def charger_costs(self) -> Mapping[int, float]:
-        """Return the estimated waiting time at each charger, as a distance, m."""
-        return {
-            charger: sum(
-                self.parameters.change + self._charging_time(one.charge) for one in self.rivals(charger)
-            )
-            * TYPICAL_SPEED
-            for charger in range(len(self.chargers))
-        }
+        """Return the estimated waiting time at each charger as a distance, m; idle robots do not wait."""
+        p, costs = self.parameters, dict[int, float]()
+        for charger in range(len(self.chargers)):
+            rivals = self.rivals(charger)
+            wait = sum(p.change + self._charging_time(one.charge) for one in rivals)
+            costs[charger] = FAR if rivals and not self.orders else wait * TYPICAL_SPEED
+        return costs
 
     def time_for(self, floor: FloorPlan, orders: Sequence[HeldOrder]) -> float:
         """Return the time that orders take, s, with charging and waiting for it."""
