@@ -174,6 +174,6 @@ def _golden_places(placing: DrawInput, count: int) -> tuple[Place, ...]:
         if not placing.grid.is_free(point):
             raise AcrcError(
                 f"place {index} of robot {placing.robot} is at ({point.x:g}, {point.y:g}), but must be on "
-                f'floor of {placing.map}; places.preset "golden" is made for the map corridor'
+                f'free floor of {placing.map}; places.preset "golden" is made for the map corridor'
             )
     return tuple((point.x, point.y) for point in points[:count])
