@@ -1,6 +1,6 @@
 """The task *search* and three strategies: hidden targets, which count once the base knows of them.
 
-    ./acrc run scenarios/search.toml --modules examples --strategy search:relay
+    ./acrc run examples/search.toml --modules examples --strategy search:relay
 
 The first robot is the base and stands. Others start within its radio range, drive, see targets,
 and report them by radio.

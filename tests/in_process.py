@@ -12,7 +12,7 @@ import pytest
 
 from acrc_testbed.command_line import app
 from actors.installation.repository import REPOSITORY
-from actors.user_code import expect_hashes, set_folders
+from actors.user_code import expect_hashes, set_folders, set_task_folders
 
 
 def acrc(
@@ -38,6 +38,7 @@ def acrc(
         finally:
             gc.set_threshold(*threshold)
             set_folders(())  # reset the search path of modules
+            set_task_folders(())
             expect_hashes(None)
             _unload_foreign(loaded)
     return subprocess.CompletedProcess([*map(str, words)], code, out.getvalue(), err.getvalue())

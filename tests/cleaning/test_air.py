@@ -164,7 +164,7 @@ def test_every_field_and_every_public_name_is_on_the_page() -> None:
         *ExchangeSettings.__struct_fields__
     }
     wanted |= {one for kind in (ItemKey, VisitReport, ItemGivenUp) for one in kind.__struct_fields__}
-    wanted |= {"PlaceReport", "PlaceGivenUp", *View._fields, *Goal._fields, *robots.behaviour.__all__}
+    wanted |= {"VisitReport", "ItemGivenUp", *View._fields, *Goal._fields, *robots.behaviour.__all__}
     wanted |= {one.name for kind in (GoalStatus, AbortReason, GoalPhase) for one in kind}
     assert wanted - {GoalOrder.__name__, "BehaviourError"} - said() == set()
 

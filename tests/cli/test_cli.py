@@ -71,7 +71,7 @@ def test_a_wrong_scenario_is_one_line_and_exit_code_1(tmp_path: Path) -> None:
          f"{', '.join(sorted(STRATEGIES))}, or give module:function of your own, such as prayer:behaviour"),
         ("order out shout", "VERB: shout; must be one of: kill ROBOT, freeze ROBOT, thaw ROBOT, "
          "restart ROBOT, move ROBOT X Y HEADING, jam X Y RADIUS SECONDS, lose ROBOT SENDER, "
-         "obstacle X Y RADIUS, wall X Y TO_X TO_Y, give ROBOT X Y, close X Y, open X Y, pause, resume, "
+         "obstacle X Y RADIUS, wall X Y TO_X TO_Y, give ROBOT X Y|JSON, close X Y, open X Y, pause, resume, "
          "step [N], speed X|max, stop"),
     ],
 )  # fmt: skip

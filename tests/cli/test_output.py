@@ -173,7 +173,10 @@ def test_commands_and_options() -> None:
 
 
 def test_scenarios_are_the_shipped_ones_and_those_of_the_folder(tmp_path: Path) -> None:
-    shipped = [f"scenarios/{name}.toml" for name in ("chapter", "corridor", "head_on", "people")]
+    shipped = [
+        f"scenarios/{name}.toml"
+        for name in ("chapter", "corridor", "head_on", "logistics", "people", "warehouse")
+    ]
     assert told("acrc run sc") == shipped
     (tmp_path / "mine.toml").touch()
     offered = told("acrc run ", tmp_path)

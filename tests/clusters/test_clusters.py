@@ -125,7 +125,7 @@ def test_a_slurm_job_runs_the_campaign_on_all_nodes_and_cleans_up(tmp_path: Path
         code = script.wait(200)
         said = (tmp_path / "log").read_text()
         assert code == 0, said
-        assert '"done": 2, "failed": 0' in said
+        assert '"done":2,"failed":0' in said
         assert said.count("Registered to") == 2
 
 

@@ -27,6 +27,7 @@ from actors.installation.repository import REPOSITORY
 from actors.observer.glyphs import ACTIVITY_GLYPHS, CAUSE_GLYPHS
 from actors.robot.introspector import ACTIVITIES
 from actors.task.loading import load_task
+from actors.user_code import set_task_folders
 from deploy.scenario.scenario_file import parse
 from tests import warm
 from tests.documentation.markdown import Block, MarkdownPage, pages
@@ -55,7 +56,7 @@ NOT_RUN: Final[Mapping[str, str]] = MappingProxyType({
     r"\./acrc (check|test|verify)( (tests|my_study)/\S+| \w+ --full)?$": "runs the tests",
     r"\./acrc (order|run .* --speed 1 )": "needs a second terminal",
     r"\./acrc campaign (--preset chapter --out|study\.toml|studies/)": "takes long",
-    r"\./acrc (bundle|compare|report|study plan) .*/(all|drawn|fig710|four|headline|pilot)\b": "needs trials",
+    r"\./acrc (bundle|compare|report|study plan) .*/(all|drawn|fig710|four|headline|people|pilot)\b": "needs trials",
     r"\./acrc (report runs/2026|replay downloaded_run|run my_study/own\.toml|study freeze )": "needs files",
     r"\.venv/bin/python maps/draw_floors\.py": "called by tests/floor/test_offices.py",
 })  # fmt: skip
@@ -176,24 +177,54 @@ def test_commands_and_options_on_pages_exist() -> None:
 def test_settings_on_pages_are_valid(tmp_path: Path) -> None:
     for name in IN_A_CLONE:
         (tmp_path / name).symlink_to(REPOSITORY / name)
+    write_files(tmp_path, "docs/your-problem.md")
+    set_task_folders([tmp_path / "my_problem"])
     (tmp_path / "my_study").mkdir()
     for _, block in blocks("toml"):
         found = tomllib.loads(block.text)
+        file = tmp_path / (block.text.split()[1] if block.text.startswith("# my_") else "study.toml")
         if "strategies" in found:
-            (tmp_path / "study.toml").write_text(block.text)
-            assert load_study(tmp_path / "study.toml").trials()
+            file.write_text(block.text)
+            assert load_study(file).trials()
+            continue
+        if file.parent.name == "my_problem":
+            assert parse(block.text, file).task.use == "rendezvous:Rendezvous"
             continue
         before, *behind = (given if key not in found else "" for key, given in LEAST.items())
         parse("\n".join((before, block.text, *behind)), tmp_path / "scenario.toml")
+
+
+@pytest.fixture(autouse=True)
+def no_task_folders() -> Iterator[None]:
+    yield
+    set_task_folders(())
+
+
+def write_files(folder: Path, *names: str) -> None:
+    """Write the files of these pages, whose blocks begin with a path."""
+    for block in (one for name in names for one in PAGES[name].blocks()):
+        if block.text.startswith("# my_"):
+            file = folder / block.text.split()[1]
+            file.parent.mkdir(exist_ok=True)
+            file.write_text(block.text)
+
+
+def test_the_own_problem_is_solved_by_its_strategy(clone: Path) -> None:
+    for strategy, state in (("together", "met after"), ("apart", "are within")):
+        done = warm.run(
+            ["run", "my_problem/rendezvous.toml", "--modules", "my_problem", "--bus", "memory", "--strategy",
+             f"rendezvous:{strategy}", "--out", f"runs/{strategy}"],
+            clone, os.environ | {"PYTHONPATH": str(REPOSITORY), "COLUMNS": "200"}, 100.0, finds_cwd=False,
+        )  # fmt: skip
+        assert state in done.stdout, done.stderr
 
 
 def test_commands_reference_is_current() -> None:
     page = REPOSITORY / "docs" / "reference" / "commands.md"
     assert page.read_text() == documentation.commands_page(), "`./acrc docs` regenerates it"
     (option,) = (one for one in TREE["acrc compare"].params if "--metric" in one.opts)
-    assert set(re.findall(r"\w+", option.help.partition(":")[2].partition(";")[0])) == set(
-        task_metrics(load_task("cleaning").declaration)
-    )
+    words = re.findall(r"\w+", option.help.partition(";")[2].partition(";")[0])
+    assert {*words, "places", "settled", "completion"} == {*task_metrics(load_task("cleaning").declaration)}
 
 
 def defined(title: str) -> list[str]:
@@ -224,9 +255,7 @@ def clone() -> Iterator[Path]:
         (folder / "my_study").mkdir()
         lease = "from cleaning.strategies.chapter import behaviour as behaviour\n"
         (folder / "my_study" / "lease.py").write_text(lease)
-        for block in PAGES["docs/experiments.md"].blocks():
-            if block.text.startswith("# my_study/"):
-                (folder / block.text.split()[1]).write_text(block.text)
+        write_files(folder, "docs/experiments.md", "docs/your-problem.md")
         (nearest,) = (block.text for block in PAGES["README.md"].blocks() if block.language == "python")
         (folder / "nearest.py").write_text(nearest)
         yield folder

@@ -25,7 +25,7 @@ CELLS = np.zeros((60, 120), np.uint8)
 CELLS[:50, 60] = 2
 GRID = OccupancyGrid(CELLS, 0.1)
 """Two rooms of 6 m by 6 m; the wall between them at x = 6 m ends 1 m below the north edge."""
-SCENARIO = Path("scenarios/search.toml")
+SCENARIO = Path("examples/search.toml")
 
 
 class GivenItems:

@@ -223,7 +223,7 @@ from actors.robot.behaviour.ports import Decision
 from actors.robot_model import load_model
 from actors.runtime.processor import fingerprints
 from actors.task.loading import task_setup
-from cleaning.task import Cleaning
+from cleaning.task import CleaningTask
 from actors.world.program import KERNELS, build
 from actors.world.uncertainty import Uncertainty
 from actors.world.world_setup import BodySetup, WorldSetup
@@ -231,7 +231,7 @@ from actors.robot.stack import stack
 from tests.robot.base import TWO_ROOMS, FakeBase
 
 def variants():
-    modules = (*assembly.KERNELS, *KERNELS, *Cleaning.kernels)
+    modules = (*assembly.KERNELS, *KERNELS, *CleaningTask.kernels)
     kernels = [k for m in modules for k in vars(m).values() if isinstance(k, Dispatcher)]
     return sum(len(kernel.signatures) for kernel in kernels)
 
@@ -272,7 +272,7 @@ def run_world(odometry, uncertainty):
         core.judge.watch(now, bodies.positions)
 
 assembly.kernels()
-fingerprints((*KERNELS, *Cleaning.kernels))
+fingerprints((*KERNELS, *CleaningTask.kernels))
 compiled = variants()
 for preset in ("chapter", "robust"):
     run_robot(preset)

@@ -33,7 +33,7 @@ class Wanderer:
         if view.instant < self.next:
             return Decision()
         self.next = view.instant + self.pause
-        return Decision(goal=self.floor.random_place())
+        return Decision(goal=self.floor.random_point())
 
 def behaviour(start: Start) -> Behaviour:
     """Goes from one random place to the next.

@@ -26,7 +26,7 @@ from tests.swarm.command import ROOT, acrc, leftovers, processes_of, run
 CROWD = Path(__file__).parent / "crowd.toml"
 SHORT_S = 5.0
 """Simulated duration, s; sufficient, since a digest covers all messages."""
-SAME = ("digest", "places_done", "places_lost", "contacts", "frames", "deeco", "per_robot")
+SAME = ("digest", "task", "contacts", "frames", "deeco", "per_robot")
 """Keys of a result that do not depend on the transport."""
 EVENTS = """
 [[event]]

@@ -174,7 +174,7 @@ def test_watched_robots_are_drawn_at_their_estimates_and_timeouts_are_shown(tmp_
     ages = [row["Scalars:scalars"][0] for row in found["/plots/ages/r2"]]
     np.testing.assert_allclose(ages, [0.1, 2.6, 5.6])
     events = [row["TextLog:text"][0] for name in found for row in found[name] if name.startswith("/events")]
-    assert "r1 2 places left, 0 reported, running, bumper pressed" in events
+    assert "r1 2 items left, 0 reported, running, bumper pressed" in events
     assert "r2 cleaned r2/0" in events and "r1 adopts r2/0" in events
     assert "view dropped 4 messages: too many to draw" in events
     assert len(found["/plots/rssi/r1_at_r2"]) == 1
