@@ -10,8 +10,8 @@ from actors.geometry import Point
 from actors.instant import Instant
 from actors.items import ItemKey
 from actors.robot.behaviour import Start, TaskList
-from actors.settings import Place
 from actors.runtime.errors import AcrcError
+from actors.settings import Place
 from actors.topic import MessagePart
 from deeco.schema import Resolution
 

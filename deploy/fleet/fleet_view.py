@@ -11,6 +11,7 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Final, NamedTuple
 
+import msgspec
 import numpy as np
 
 from acrc_testbed.results.field_recordings import EVENT_COUNTERS
@@ -19,7 +20,16 @@ from acrc_testbed.run_model.model import RunModel, convert_instants, robot_of
 from acrc_testbed.view.run_drawing import RunDrawing
 from acrc_testbed.view.run_view import print_now
 from actors.floor.map_file import load_map
-from actors.messages import DRIVE, RECEIVED, Board, Drive, Progress, RadioEvents
+from actors.messages import (
+    DRIVE,
+    RECEIVED,
+    TASK_CHANGED,
+    Board,
+    Drive,
+    Progress,
+    RadioEvents,
+    TaskChanged,
+)
 from actors.observer import panels, viewer
 from actors.observer.canvas import Canvas
 from actors.observer.glyphs import GREY, OUTCOME_COLOURS
@@ -27,7 +37,10 @@ from actors.observer.layout import ViewerContents, ViewFile
 from actors.observer.panels import DrawnEvent
 from actors.processes.launcher import scratch_folder
 from actors.runtime.core import at
-from actors.task.loading import load_task
+from actors.settings import decode
+from actors.task.checked_judge import CheckedJudge
+from actors.task.loading import ReportError, decode_items, decode_reports, load_task
+from actors.task.task import JudgeSetup
 from actors.topic import Message
 from deploy.fleet import operator_station
 from deploy.fleet.fleet_file import Fleet
@@ -56,18 +69,24 @@ class FleetView:
 
     def __init__(self, fleet: Fleet, sheet: ViewFile) -> None:
         self.robots = tuple(robot.id for robot in fleet.robots)
+        self._task = task = load_task(fleet.task.use)
+        settings = decode(task.settings, fleet.task_settings, task.declaration.table)
+        items = {robot.id: decode_items(task, robot.items) for robot in fleet.robots}
+        setup = JudgeSetup(robots=self.robots, items=items, settings=settings, has_truth=False)
+        self._judge = CheckedJudge(task, setup)
         description = RunDescription(
             out=Path(),
             title="a fleet",
             robots=self.robots,
             grid=load_map(fleet.map),
             step_us=0,
-            task=load_task(fleet.task.use).declaration,
+            task=task.declaration,
             item_counts={robot.id: len(robot.items) for robot in fleet.robots},
             addresses={robot.address: robot.id for robot in fleet.robots},
             has_truth=False,
         )
         self._model = RunModel(description)
+        self._add_task_changes(0.0)
         self._canvas = Canvas(sheet.recording, self.robots)
         self._last: dict[str, float] = {}
         """Time of the last message by robot, s."""
@@ -113,7 +132,10 @@ class FleetView:
             case Drive() | RadioEvents() if robot in self.robots:
                 if isinstance(message, RadioEvents):
                     self._counts.update(EVENT_COUNTERS[type(event)] for event in message.events)
-                self._model.extend(key, convert_instants(message, lambda _: round(second * 1e6)), second)
+                message = convert_instants(message, lambda _: round(second * 1e6))
+                self._model.extend(key, message, second)
+                if isinstance(message, Drive):
+                    yield from self._judged(robot, message, second)
             case Progress():
                 source, report = robot or endpoint, operator_station.progress_text(message)
                 if self._reports.get(source) != report:
@@ -121,6 +143,27 @@ class FleetView:
                     yield DrawnEvent(second, source, report, "WARN" if message.held else "INFO")
             case Board():
                 yield from (DrawnEvent(second, robot, f"board: {note}") for note in message.notes)
+
+    def _judged(self, robot: str, drive: Drive, second: float) -> Iterator[DrawnEvent]:
+        """Pass a robot's reports to the task's judge, as of their arrival; yield its fault."""
+        instant = round(second * 1e6)
+        try:
+            reports = decode_reports(self._task, drive).reports
+            reports = tuple(
+                msgspec.structs.replace(one, instant=instant) if hasattr(one, "instant") else one
+                for one in reports
+            )
+            answer = msgspec.structs.replace(drive, reports=reports)
+            fault = self._judge.take(robot, answer, instant, instant + 1)
+        except ReportError as error:
+            fault = str(error)
+        if fault is not None:
+            yield DrawnEvent(second, robot, fault, "WARN")
+        self._add_task_changes(second)
+
+    def _add_task_changes(self, second: float) -> None:
+        if any(changes := self._judge.take_changes()):
+            self._model.extend(TASK_CHANGED.key(), TaskChanged(0, *changes), second)
 
     def _plot_frames(self, now: float) -> None:
         """Plot frames per second by outcome."""

@@ -1,6 +1,7 @@
 """Synthetic trials with a known result of their comparison."""
 
 from collections.abc import Callable, Iterator, Sequence
+from typing import Any
 
 import msgspec
 
@@ -42,16 +43,21 @@ def study(one: str = "one", other: str = "other", **words: object) -> Study:
     return msgspec.structs.replace(made, **words)
 
 
-def varied(plain: RunResult, **words: object) -> RunResult:
+def varied(plain: RunResult, **words: Any) -> RunResult:
     """Return the result with other fields and values of the task."""
     task = {name: words.pop(name) for name in [*words] if name not in RunResult.__struct_fields__}
-    return msgspec.structs.replace(plain, task=plain.task | task, **words)  # type: ignore[arg-type]
+    return msgspec.structs.replace(plain, task=plain.task | task, **words)
 
 
-def run(places: int, settled: float | None = None, *, length: float = LENGTH, **others: object) -> RunResult:
+def run(places: int, settled: Any = None, *, length: float = LENGTH, **others: Any) -> RunResult:
     """Return a result with only the values that comparisons read."""
-    task = {"places_done": places, "places_total": 40, "completion_s": settled, "settled_s": settled}
-    task |= {name: others.pop(name) for name in [*others] if name in task}  # type: ignore[dict-item]
+    task: dict[str, Any] = {
+        "places_done": places,
+        "places_total": 40,
+        "completion_s": settled,
+        "settled_s": settled,
+    }
+    task |= {name: others.pop(name) for name in [*others] if name in task}
     known: dict[str, object] = {
         "task": task, "declaration": CLEANING, "simulated_s": length, "contacts": 0,
         "radio_bytes_per_robot_s": 0.0, "driven_m": 0.0, "outcome": {},

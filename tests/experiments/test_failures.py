@@ -44,6 +44,7 @@ def failures(task: tuple[int, int, float]) -> Failures:
     with in_memory(load_scenario(SHIPPED / "scenarios" / "chapter.toml", overrides)) as (plan, result):
         spent = account_time(plan.out)
     assert spent.deadlocks is not None
+    places: dict[str, Any] = dict(result.task)
     return Failures(
         lost_s=sum(each[Cause.LOST.value] for each in spent.robots.values()),
         no_trajectory=result.navigation.no_valid_trajectory.get("itself", 0),
@@ -52,7 +53,7 @@ def failures(task: tuple[int, int, float]) -> Failures:
         at_end=sum(one.at_end for one in spent.blockings),
         in_passages=sum(one.place != "open floor" for one in spent.blockings),
         deadlocks=spent.deadlocks.pairs,
-        places_left=result.task["places_total"] - (result.task["places_done"] or 0),
+        places_left=places["places_total"] - (places["places_done"] or 0),
         contacts=result.contacts or 0,
     )
 

@@ -7,6 +7,7 @@ import re
 from collections.abc import Sequence
 from html.parser import HTMLParser
 from pathlib import Path
+from typing import Any
 
 import msgspec
 import numpy as np
@@ -104,9 +105,8 @@ def test_completion_counts_every_run(written: Path, records: dict[str, list[Tria
         found = float(row["share done, low"]), float(row["share done, high"])
         assert found == pytest.approx(bounds, abs=1e-9)
         # without censoring before the end the area is the mean of what is capped
-        mean = (
-            sum(LENGTH if run.task["completion_s"] is None else run.task["completion_s"] for run in runs) / n
-        )
+        ends: list[Any] = [run.task["completion_s"] for run in runs]
+        mean = sum(LENGTH if end is None else end for end in ends) / n
         assert float(row["restricted mean, s"]) == pytest.approx(mean)
         assert float(row["restricted mean, s, low"]) <= mean <= float(row["restricted mean, s, high"])
 
