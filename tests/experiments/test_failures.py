@@ -1,7 +1,7 @@
 """The chapter's failures: robots block one another and find no trajectory; none is lost."""
 
 from collections.abc import Callable
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
