@@ -2,7 +2,7 @@
 
 from deeco.component import adaptation, component, on_change, periodic, role
 from deeco.encoding import Resolution
-from deeco.ensemble import Contact, ensemble
+from deeco.ensemble import Contact, EndReason, ensemble
 from deeco.errors import DeecoError, DefinitionError, DeploymentError, ExecutionError
 from deeco.instant import START, Duration, Instant, in_seconds, milliseconds, seconds
 from deeco.knowledge import Knowledge, replace
@@ -14,6 +14,7 @@ __all__ = [
     "DefinitionError",
     "DeploymentError",
     "Duration",
+    "EndReason",
     "ExecutionError",
     "Instant",
     "Knowledge",

@@ -7,16 +7,20 @@
         def membership(self, coordinator: Vehicle, member: Vehicle) -> bool: ...
         def at_member(self, coordinator: Vehicle, member: Truck) -> Truck: ...
         def at_coordinator(self, coordinator: Truck, member: Vehicle) -> Truck: ...
+        def at_member_end(self, coordinator: Vehicle, member: Truck) -> Truck: ...
+        def at_coordinator_end(self, coordinator: Truck, member: Vehicle) -> Truck: ...
         def boundary(self, sender: Vehicle, here: Vehicle) -> bool: ...
 
 All except `membership` are optional. `membership` takes roles; if one side is a component, it is evaluated
 only where that side is local. An exchange takes its peer's role and its own side's component, and returns
-the next knowledge of that component. `boundary` decides whether this node relays the sender's knowledge.
-Further parameters are bound by type as those of processes are, also `Contact`.
+the next knowledge of that component. The methods with `_end` run once when a membership ends. `boundary`
+decides whether this node relays the sender's knowledge. Further parameters are bound by type as those of
+processes are, also `Contact` and, at an end, `EndReason`.
 """
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from enum import Enum
 from typing import Any, Final, NamedTuple, Protocol, TypeVar, dataclass_transform
 
 from deeco.component import Fact, has_fact, ports
@@ -38,6 +42,7 @@ _TAG: Final = "_deeco_ensemble"
 _NONE: Final = Duration(0)
 COORDINATOR: Final = "coordinator"
 MEMBER: Final = "member"
+_ENDS: Final = ("at_coordinator_end", "at_member_end")
 
 
 class Contact(NamedTuple):
@@ -51,9 +56,20 @@ class Contact(NamedTuple):
     """Number of relays."""
 
 
+class EndReason(Enum):
+    """Reason why a membership ended."""
+
+    CONDITION = "condition"
+    """`membership` is false, or the peer no longer plays the role."""
+    AGE = "age"
+    """The replica is older than `max_age`."""
+    FORGOTTEN = "forgotten"
+    """The node has dropped the replica."""
+
+
 @dataclass(frozen=True)
 class Exchange:
-    """Classes and ports of `at_member` or `at_coordinator`."""
+    """Classes and ports of `at_member`, `at_coordinator` or one of their `_end` methods."""
 
     side: str
     """COORDINATOR or MEMBER: the local side, whose knowledge it returns."""
@@ -78,14 +94,22 @@ class EnsembleType:
     """Further parameters of `membership`."""
     at_coordinator: Exchange | None
     at_member: Exchange | None
+    at_coordinator_end: Exchange | None
+    at_member_end: Exchange | None
     boundary: tuple[type[Knowledge], type[Knowledge]] | None
     """Roles of the sender and of the local component in `boundary`; None without a boundary."""
+
+    @property
+    def exchanges(self) -> dict[str, Exchange]:
+        """Exchanges by method name."""
+        methods = [f"at_{side}{end}" for end in ("", "_end") for side in (COORDINATOR, MEMBER)]
+        return {name: exchange for name in methods if (exchange := getattr(self, name))}
 
     @property
     def roles(self) -> tuple[type[Knowledge], ...]:
         """Roles of peers that the ensemble uses."""
         named = [self.coordinator, self.member]
-        named += [exchange.peer for exchange in (self.at_coordinator, self.at_member) if exchange]
+        named += [exchange.peer for exchange in self.exchanges.values()]
         named += self.boundary or ()
         return tuple(dict.fromkeys(one for one in named if is_role(one)))
 
@@ -130,6 +154,11 @@ def ensemble(
                     f"ensemble {cls.__name__} runs on a change of {getattr(fact, '__qualname__', fact)}, "
                     f"which is not a method of {coordinator.__name__} or {member.__name__}"
                 )
+        if every is None and (end := next((one for one in _ENDS if hasattr(cls, one)), None)):
+            raise DefinitionError(
+                f"ensemble {cls.__name__} has {end} but no period; set every=, "
+                "as a replica becomes too old without any change"
+            )
         return EnsembleType(
             name=cls.__name__,
             every=every,
@@ -139,8 +168,10 @@ def ensemble(
             coordinator=coordinator,
             member=member,
             ports=more,
-            at_coordinator=_exchange(cls, COORDINATOR),
-            at_member=_exchange(cls, MEMBER),
+            at_coordinator=_exchange(cls, "at_coordinator", COORDINATOR),
+            at_member=_exchange(cls, "at_member", MEMBER),
+            at_coordinator_end=_exchange(cls, _ENDS[0], COORDINATOR),
+            at_member_end=_exchange(cls, _ENDS[1], MEMBER),
             boundary=_sides(cls, "boundary", "sender", "here")[:2] if hasattr(cls, "boundary") else None,
         )
 
@@ -163,8 +194,7 @@ def ensemble_type_of(instance: object) -> EnsembleType:
     return found
 
 
-def _exchange(cls: type, side: str) -> Exchange | None:
-    name = f"at_{side}"
+def _exchange(cls: type, name: str, side: str) -> Exchange | None:
     if not hasattr(cls, name):
         return None
     coordinator, member, more = _sides(cls, name, COORDINATOR, MEMBER)
@@ -197,6 +227,7 @@ def _sides(
 
 _NOW: Final = object()
 _CONTACT: Final = object()
+_REASON: Final = object()
 
 
 class BoundFunction:
@@ -208,6 +239,7 @@ class BoundFunction:
         self.now = tuple(place for place, value in enumerate(arguments) if value is _NOW)
         """Indices of the current instant in `arguments`."""
         self._contact = tuple(place for place, value in enumerate(arguments) if value is _CONTACT)
+        self._reason = tuple(place for place, value in enumerate(arguments) if value is _REASON)
 
     def pair(self, coordinator: Any, member: Any, now: Instant, contact: Contact) -> Any:
         """Call the method of an ensemble."""
@@ -217,13 +249,19 @@ class BoundFunction:
             self.arguments[place] = contact
         return self.function(coordinator, member, *self.arguments)
 
+    def set_reason(self, reason: EndReason) -> None:
+        """Set the reason for the next call of an `_end` method."""
+        for place in self._reason:
+            self.arguments[place] = reason
+
 
 class Binding:
-    """Ports of a node by type; also Instant (the current instant) and, in ensembles, Contact."""
+    """Ports of a node by type; also Instant (now), in ensembles Contact, at ends EndReason."""
 
     def __init__(self, provided: Mapping[Any, object]) -> None:
         self._process = {Instant: _NOW, **provided}
         self._pair = {Contact: _CONTACT, **self._process}
+        self._end = {EndReason: _REASON, **self._pair}
         self._provided = ", ".join(describe(one) for one in provided) or "nothing"
 
     def process(
@@ -236,7 +274,7 @@ class Binding:
         self, function: Callable[..., Any], ports: tuple[tuple[str, Any], ...], name: str
     ) -> BoundFunction:
         """Bind a method of an ensemble, as `process`."""
-        return self._bind(function, ports, name, self._pair)
+        return self._bind(function, ports, name, self._end if name.endswith("_end") else self._pair)
 
     def _bind(
         self,

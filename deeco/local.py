@@ -1,6 +1,6 @@
 """Components of a node with their knowledge, processes and watched facts; evaluation of ensembles."""
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any, NamedTuple, Protocol
 
 from deeco.component import Fact, Process, processes_of
@@ -10,6 +10,7 @@ from deeco.ensemble import (
     Binding,
     BoundFunction,
     Contact,
+    EndReason,
     EnsembleType,
     Exchange,
     ensemble_type_of,
@@ -24,7 +25,7 @@ class Commit(NamedTuple):
     """One change of a component's knowledge."""
 
     by: str
-    """Process or exchange, such as `Cleaner.sense` or `Adoption.at_member`."""
+    """Process or exchange, such as `Cleaner.sense`, `Adoption.at_member` or `Adoption.at_member_end`."""
     instant: Instant
     before: Knowledge
     after: Knowledge
@@ -157,18 +158,27 @@ class Peer(Protocol):
         """Return how that knowledge was received."""
 
 
+class _BoundExchange:
+    """An exchange or an end of a membership, with its bound ports."""
+
+    def __init__(self, exchange: Exchange, call: BoundFunction, name: str) -> None:
+        self.own, self.peer = exchange.own, exchange.peer
+        self.local_is_coordinator = exchange.side == COORDINATOR
+        self.call = call
+        self.name = name
+
+
 class _EnsembleSide:
     """One side of an ensemble, played by the local component."""
 
-    def __init__(
-        self, kind: EnsembleType, exchange: Exchange | None, call: BoundFunction | None, side: str
-    ) -> None:
+    def __init__(self, kind: EnsembleType, exchanges: Mapping[str, _BoundExchange], side: str) -> None:
         self.local_is_coordinator = side == COORDINATOR
         roles = kind.coordinator, kind.member
         self.own, self.peer = roles if self.local_is_coordinator else reversed(roles)
-        self.exchange = exchange
-        self.call = call
-        self.name = f"{kind.name}.at_{side}"
+        self.exchange = exchanges.get(f"at_{side}")
+        self.end = exchanges.get(f"at_{side}_end")
+        self.members: dict[tuple[str, str], Peer] = {}
+        """Last peer with which the membership held, by local component and peer; empty without `end`."""
 
 
 class BoundEnsemble:
@@ -182,14 +192,16 @@ class BoundEnsemble:
             return binding.pair(getattr(instance, method), ports, f"{kind.name}.{method}")
 
         self._membership = bound("membership", kind.ports)
+        exchanges = {
+            method: _BoundExchange(exchange, bound(method, exchange.ports), f"{kind.name}.{method}")
+            for method, exchange in kind.exchanges.items()
+        }
         self._sides = [
-            _EnsembleSide(kind, exchange, bound(f"at_{side}", exchange.ports) if exchange else None, side)
-            for side, exchange, peer in (
-                (COORDINATOR, kind.at_coordinator, kind.member),
-                (MEMBER, kind.at_member, kind.coordinator),
-            )
+            _EnsembleSide(kind, exchanges, side)
+            for side, peer in ((COORDINATOR, kind.member), (MEMBER, kind.coordinator))
             if not is_component(peer)
         ]
+        self._ends = [side for side in self._sides if side.end is not None]
         self._boundary: Callable[[Any, Any], bool] | None = getattr(instance, "boundary", None)
 
     def evaluate(
@@ -200,6 +212,8 @@ class BoundEnsemble:
         Return the components whose knowledge changed.
         """
         changed: dict[str, LocalComponent] = {}
+        if self._ends:
+            self._end_with_absent(locals_, replicas, now, changed)
         for local in locals_:
             for peer in (*(other for other in locals_ if other is not local), *replicas):
                 for side in self._sides:
@@ -217,44 +231,76 @@ class BoundEnsemble:
             self._boundary(role, one.value) for one in components if isinstance(one.value, here_role)
         )
 
+    def _end_with_absent(
+        self,
+        locals_: tuple[LocalComponent, ...],
+        replicas: Sequence[Peer],
+        now: Instant,
+        changed: dict[str, LocalComponent],
+    ) -> None:
+        """End memberships with peers that are too old or dropped, in order of components, peers and sides."""
+        by_id, oldest = {one.id: one for one in locals_}, self.type.max_age
+        present = {one.id for one in (*locals_, *replicas)}
+        absent = sorted((ids, n) for n, side in enumerate(self._ends) for ids in side.members)
+        for (own, other), number in absent:
+            if other not in present:
+                side = self._ends[number]
+                peer = side.members[own, other]
+                is_old = oldest is not None and now - peer.contact(now).heard > oldest
+                reason = EndReason.AGE if is_old else EndReason.FORGOTTEN
+                if self._end(side, by_id[own], peer, now, reason):
+                    changed[own] = by_id[own]
+
     def _meet(self, side: _EnsembleSide, local: LocalComponent, peer: Peer, now: Instant) -> bool:
         """Evaluate membership and exchange of a pair; return whether the knowledge changed."""
         value, role = local.value, peer.role(side.peer)
         if role is None or not isinstance(value, side.own):
-            return False
+            return side.end is not None and self._end(side, local, peer, now, EndReason.CONDITION)
         contact = peer.contact(now)
         self._statistics.counters.memberships += 1
         try:
             coordinator, member = (value, role) if side.local_is_coordinator else (role, value)
-            if not self._membership.pair(coordinator, member, now, contact):
-                return False
-            return side.call is not None and self._exchange(side, side.call, local, peer, now, contact)
+            if self._membership.pair(coordinator, member, now, contact):
+                if side.end is not None:
+                    side.members[local.id, peer.id] = peer
+                return side.exchange is not None and self._exchange(side.exchange, local, peer, now, contact)
         except Exception as error:
-            ids = (local.id, peer.id) if side.local_is_coordinator else (peer.id, local.id)
-            error.add_note(
-                f"in ensemble {self.type.name} of {ids[0]!r} and {ids[1]!r} at {in_seconds(now):g} s"
-            )
+            self._add_note(error, side, local, peer, now)
+            raise
+        return side.end is not None and self._end(side, local, peer, now, EndReason.CONDITION)
+
+    def _end(
+        self, side: _EnsembleSide, local: LocalComponent, peer: Peer, now: Instant, reason: EndReason
+    ) -> bool:
+        """End a membership if it held until now; return whether the knowledge changed."""
+        last = side.members.pop((local.id, peer.id), None)
+        if last is None or side.end is None:
+            return False
+        known = last if peer.role(side.end.peer) is None else peer
+        side.end.call.set_reason(reason)
+        try:
+            return self._exchange(side.end, local, known, now, known.contact(now))
+        except Exception as error:
+            self._add_note(error, side, local, peer, now)
             raise
 
+    def _add_note(
+        self, error: Exception, side: _EnsembleSide, local: LocalComponent, peer: Peer, now: Instant
+    ) -> None:
+        ids = (local.id, peer.id) if side.local_is_coordinator else (peer.id, local.id)
+        error.add_note(f"in ensemble {self.type.name} of {ids[0]!r} and {ids[1]!r} at {in_seconds(now):g} s")
+
     def _exchange(
-        self,
-        side: _EnsembleSide,
-        call: BoundFunction,
-        local: LocalComponent,
-        peer: Peer,
-        now: Instant,
-        contact: Contact,
+        self, exchange: _BoundExchange, local: LocalComponent, peer: Peer, now: Instant, contact: Contact
     ) -> bool:
-        exchange, value = side.exchange, local.value
-        assert exchange is not None
-        role = peer.role(exchange.peer)
+        value, role = local.value, peer.role(exchange.peer)
         if role is None or not isinstance(value, exchange.own):
             return False
-        coordinator, member = (value, role) if side.local_is_coordinator else (role, value)
-        result = call.pair(coordinator, member, now, contact)
+        coordinator, member = (value, role) if exchange.local_is_coordinator else (role, value)
+        result = exchange.call.pair(coordinator, member, now, contact)
         if result is value:
             return False
-        if not local.commit(result, side.name, now, adaptation=True, peer=peer.id, heard=contact.heard):
+        if not local.commit(result, exchange.name, now, adaptation=True, peer=peer.id, heard=contact.heard):
             return False
         self._statistics.exchanges[self.type.name] += 1
         return True

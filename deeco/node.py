@@ -97,7 +97,8 @@ class NodeObserver(Protocol):
     def committed(self, commit: Commit, replica: Replica | None) -> None:
         """Receive a change of knowledge.
 
-        `replica`: the peer that an ensemble used; None for a process and for a peer on the same node.
+        `replica`: the peer that an ensemble used; None for a process, and for a peer that is on the same node
+        or no longer a replica.
         """
 
     def replica_received(self, component: str, replica: Replica, now: Instant) -> None:

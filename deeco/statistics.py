@@ -52,7 +52,7 @@ class Statistics:
 
     counters: NodeCounters = field(default_factory=NodeCounters)
     exchanges: Counter[str] = field(default_factory=Counter)
-    """Exchanges that changed a local component, by ensemble."""
+    """Exchanges and ends of memberships that changed a local component, by ensemble."""
     ages: Counter[int] = field(default_factory=Counter)
     """Ages of all replicas at each publication: counts by upper bin edge, ms."""
 

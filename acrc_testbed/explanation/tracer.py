@@ -191,7 +191,7 @@ def _exchange_fields(ensemble: type, name: str, kind: type[Knowledge]) -> ReadFi
     """Return the fields that the membership and the exchange read."""
     described = ensemble_type(ensemble)
     assert described is not None
-    local = name.removeprefix("at_")
+    local = name.removeprefix("at_").removesuffix("_end")
     own: dict[str, None] = {}
     peer: dict[str, None] = {}
     for method in methods(described):

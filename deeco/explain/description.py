@@ -13,7 +13,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from itertools import permutations, zip_longest
 from typing import Any, Final
 
-from deeco.ensemble import Contact, ensemble_type
+from deeco.ensemble import Contact, EndReason, ensemble_type
 from deeco.explain.knowledge_use import ComponentPart, method_flow, methods, rhythm_of
 from deeco.instant import Duration, Instant, in_seconds
 from deeco.knowledge import Knowledge, describe, field_type, local_fields, role_fields, roles_of
@@ -139,7 +139,9 @@ def _escaped(text: str) -> str:
 
 def _port_types(part: ComponentPart) -> dict[str, None]:
     """Return the types of its ports except those that every node has."""
-    return dict.fromkeys(_type_text(kind) for _, kind in part.ports if kind not in {Instant, Contact})
+    return dict.fromkeys(
+        _type_text(kind) for _, kind in part.ports if kind not in {Instant, Contact, EndReason}
+    )
 
 
 def _heading(text: str) -> list[str]:

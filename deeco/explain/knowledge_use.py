@@ -76,11 +76,11 @@ def methods(kind: EnsembleType) -> Iterator[Method]:
     roles = ((COORDINATOR, kind.coordinator), (MEMBER, kind.member))
     local = (COORDINATOR,) if is_component(kind.coordinator) else (COORDINATOR, MEMBER)
     yield Method(_MEMBERSHIP, roles, kind.ports, (MEMBER,) if is_component(kind.member) else local)
-    for exchange in filter(None, (kind.at_coordinator, kind.at_member)):
+    for name, exchange in kind.exchanges.items():
         own, peer = exchange.own, exchange.peer
         pair = (own, peer) if exchange.side == COORDINATOR else (peer, own)
         sides = ((COORDINATOR, pair[0]), (MEMBER, pair[1]))
-        yield Method(f"at_{exchange.side}", sides, exchange.ports, (exchange.side,))
+        yield Method(name, sides, exchange.ports, (exchange.side,))
     if kind.boundary:
         sides = (("sender", kind.boundary[0]), ("here", kind.boundary[1]))
         yield Method(_BOUNDARY, sides, (), ("here",))
@@ -92,9 +92,7 @@ def method_flow(ensemble: type, method: Method, local: str = "", cls: type[Knowl
     subjects: dict[str, type] = {"self": ensemble, **dict(method.sides)}
     if cls is not None:
         subjects[local] = cls
-    return analyse_flow(
-        function, subjects, returns_knowledge=method.name in {f"at_{COORDINATOR}", f"at_{MEMBER}"}
-    )
+    return analyse_flow(function, subjects, returns_knowledge=method.name.startswith("at_"))
 
 
 def ensemble_part(ensemble: type, cls: type[Knowledge]) -> ComponentPart | None:

@@ -137,6 +137,15 @@ MISTAKES = {
     "Convoy.at_member: Truck is a component, but the peer is known by role only; use a role": (
         convoy(MEMBERSHIP + " def at_member(self, coordinator: Truck, member: Truck) -> Truck: ...")
     ),
+    "ensemble Meeting has at_member_end but no period; set every=, "
+    "as a replica becomes too old without any change": (
+        "@ensemble(on_change=Truck.is_empty)\nclass Meeting:\n"
+        " def membership(self, coordinator: Vehicle, member: Truck) -> bool: ...\n"
+        " def at_member_end(self, coordinator: Vehicle, member: Truck) -> Truck: ..."
+    ),
+    "Convoy.at_member_end: Truck is a component, but the peer is known by role only; use a role": (
+        convoy(MEMBERSHIP + " def at_member_end(self, coordinator: Truck, member: Truck) -> Truck: ...")
+    ),
     "ensemble Meeting runs on a change of Truck.is_empty, which is not a method of Vehicle or Vehicle": (
         f"@ensemble(on_change=Truck.is_empty)\nclass Meeting:\n{MEMBERSHIP}"
     ),

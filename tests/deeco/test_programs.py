@@ -29,7 +29,7 @@ def test_the_example_prints_the_documented_output_and_can_be_explained(
     (tmp_path / "page_example.py").write_text(EXAMPLE)
     monkeypatch.syspath_prepend(tmp_path)
     exec(EXAMPLE, {"__name__": "__main__"})
-    assert f"\nIt prints `{capsys.readouterr().out.strip()}`.\n" in PAGE
+    assert f"\nIt prints:\n\n```text\n{capsys.readouterr().out}```\n" in PAGE
     assert explain(["page_example"]) == 0
     assert "switch, a process of the adaptation layer, on a change of is_needed\n" in capsys.readouterr().out
 
