@@ -4,6 +4,7 @@ from deeco.component import adaptation, component, on_change, periodic, role
 from deeco.encoding import Resolution
 from deeco.ensemble import Contact, EndReason, ensemble
 from deeco.errors import DeecoError, DefinitionError, DeploymentError, ExecutionError
+from deeco.history import History, Past
 from deeco.instant import START, Duration, Instant, in_seconds, milliseconds, seconds
 from deeco.knowledge import Knowledge, replace
 
@@ -16,8 +17,10 @@ __all__ = [
     "Duration",
     "EndReason",
     "ExecutionError",
+    "History",
     "Instant",
     "Knowledge",
+    "Past",
     "Resolution",
     "adaptation",
     "component",

@@ -20,6 +20,7 @@ from dataclasses import dataclass, fields
 from typing import Any, Final, TypeVar, dataclass_transform, get_type_hints
 
 from deeco.errors import DefinitionError
+from deeco.history import add_histories
 from deeco.instant import Duration, check_duration
 from deeco.knowledge import KIND, Knowledge, immutability_fault, is_component, roles_of
 
@@ -207,5 +208,6 @@ def _define(cls: type[K], kind: str) -> type[K]:
     for field in fields(made):
         if wrong := immutability_fault(hints[field.name]):
             raise DefinitionError(f"{made.__name__}.{field.name}: {wrong}")
+    add_histories(made, hints)
     setattr(made, KIND, kind)
     return made

@@ -25,7 +25,8 @@ class Commit(NamedTuple):
     """One change of a component's knowledge."""
 
     by: str
-    """Process or exchange, such as `Cleaner.sense`, `Adoption.at_member` or `Adoption.at_member_end`."""
+    """Process or exchange, such as `Cleaner.sense`, `Adoption.at_member` or `Adoption.at_member_end`; or a
+    publication, `Cleaner.history`."""
     instant: Instant
     before: Knowledge
     after: Knowledge

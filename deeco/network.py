@@ -16,6 +16,7 @@ from typing import Any, Final, NamedTuple
 
 from deeco.ensemble import Contact
 from deeco.fragments import Fragmenter, Reassembly
+from deeco.history import with_history
 from deeco.instant import START, Duration, Instant, Task, milliseconds, seconds
 from deeco.knowledge import Knowledge, new_tuple
 from deeco.link import LinkParameters, Reception, Transmission
@@ -260,6 +261,7 @@ class Network:
         self._own = own
         self._may_relay = may_relay
         self._epoch = epoch
+        self._has_histories = registry.has_histories
         self._limits = parameters.link
         self._statistics = statistics
         self._counters = statistics.counters
@@ -322,6 +324,13 @@ class Network:
     def _send(self, now: Instant, data: bytes) -> None:
         self._outbox += ((now, data),)
 
+    def _with_histories(
+        self, component: str, roles: tuple[Knowledge, ...], now: Instant
+    ) -> tuple[Knowledge, ...]:
+        known = self.replicas.get(component)
+        before = {type(one): one for one in known.roles} if known else {}
+        return tuple(with_history(one, before.get(type(one)), now) for one in roles)
+
     def _process_packet(self, data: bytes, reception: Reception) -> ReplicaUpdate | None:
         counters, relay = self._counters, self._relay
         counters.packets += 1
@@ -346,6 +355,8 @@ class Network:
         counters.roles_unknown += unknown
         rssi_dbm = reception.rssi_dbm
         contact = new_tuple(Contact, (reception.instant, rssi_dbm, packet.hops))
+        if self._has_histories:
+            roles = self._with_histories(component, roles, reception.instant)
         replica = Replica(component, packet.version, roles, contact)
         update = new_tuple(ReplicaUpdate, (self.replicas.get(component), replica))
         self.replicas.put(replica)

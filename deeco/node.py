@@ -13,6 +13,7 @@ from typing import Any, Final, NamedTuple, Protocol
 from deeco.component import ChangeTrigger, Fact, has_fact
 from deeco.ensemble import Binding
 from deeco.errors import DeploymentError, ExecutionError
+from deeco.history import histories, with_history
 from deeco.instant import START, Duration, Instant, Task, in_seconds
 from deeco.knowledge import Knowledge, new_tuple, role_subclasses, roles_of
 from deeco.link import Reception, Transmission
@@ -171,6 +172,7 @@ class Node:
         listeners = (*([on_commit] if on_commit else ()), *([self._notify] if self._observer else ()))
         self._locals = tuple(LocalComponent(value, binding, listeners) for value in components)
         self._by_id = {one.id: one for one in self._locals}
+        self._with_histories = tuple(one for one in self._locals if histories(type(one.value)))
         if len(self._by_id) < len(self._locals):
             raise DeploymentError("two components of a node have the same id; ids must be unique")
         self._ensembles = tuple(BoundEnsemble(one, binding, self._statistics) for one in ensembles)
@@ -298,7 +300,15 @@ class Node:
 
     def _publish(self, now: Instant) -> None:
         self._now = now
+        if self._with_histories:
+            self._add_to_histories(now)
         self._network.publish(now, [component.value for component in self._locals])
+
+    def _add_to_histories(self, now: Instant) -> None:
+        for component in self._with_histories:
+            value = component.value
+            component.commit(with_history(value, value, now), f"{type(value).__name__}.history", now)
+        self._run_triggered()
 
     def _notify(self, commit: Commit) -> None:
         assert self._observer is not None

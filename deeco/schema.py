@@ -18,7 +18,8 @@ from deeco.encoding import (
     strict_decoder,
 )
 from deeco.errors import DeploymentError, ExecutionError
-from deeco.knowledge import Knowledge, is_role, new_tuple, role_fields, roles_of
+from deeco.history import histories, published_fields
+from deeco.knowledge import Knowledge, is_role, new_tuple, roles_of
 from deeco.link import DEFAULTS, LinkParameters
 
 __all__ = ["MalformedDataError", "Resolution", "RoleRegistry", "UnpackedRoles"]
@@ -45,10 +46,11 @@ class _Role:
         if not is_role(cls):
             raise DeploymentError(f"{cls.__name__} cannot be published: decorate its class with @role")
         self.cls = cls
-        names = tuple(name for name in role_fields(cls) if name != _ID)
+        names = tuple(name for name in published_fields(cls) if name != _ID)
+        past = tuple(histories(cls))
         try:
             codecs = Compiler(limits, inside=(cls,)).fields(cls, names)
-            self._make = constructor_of(cls, (_ID, *names))
+            make = constructor_of(cls, (_ID, *names, *past))
         except UnencodableTypeError as unsound:
             raise DeploymentError(f"role {cls.__name__} cannot be published: {unsound}") from None
         depth = max((codec.depth for codec in codecs), default=0)
@@ -57,6 +59,7 @@ class _Role:
                 f"role {cls.__name__} cannot be published: its types are nested {depth} levels deep; "
                 f"at most {limits.max_depth} are allowed (LinkParameters.max_depth)"
             )
+        self._make = (lambda values: make((*values, *[()] * len(past)))) if past else make
         self._names = names
         self._values = attribute_getter(names)
         self._pack = tuple(codec.pack for codec in codecs)
@@ -107,6 +110,11 @@ class RoleRegistry:
                 f"{role.fingerprint:08x}; rename one of them"
             )
         self._by_class[role.cls] = role
+
+    @property
+    def has_histories(self) -> bool:
+        """True if a role in the registry has histories."""
+        return any(histories(cls) for cls in self._by_class)
 
     @property
     def fingerprints(self) -> Container[int]:

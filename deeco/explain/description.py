@@ -15,6 +15,7 @@ from typing import Any, Final
 
 from deeco.ensemble import Contact, EndReason, ensemble_type
 from deeco.explain.knowledge_use import ComponentPart, method_flow, methods, rhythm_of
+from deeco.history import histories, published_fields
 from deeco.instant import Duration, Instant, in_seconds
 from deeco.knowledge import Knowledge, describe, field_type, local_fields, role_fields, roles_of
 
@@ -28,8 +29,12 @@ def component_text(cls: type[Knowledge], processes: Sequence[ComponentPart]) -> 
     """Describe a component: its roles, local fields and processes."""
     lines = [f"{cls.__name__}, a component"]
     for role in roles_of(cls):
-        lines += _entry("publishes", f"as {role.__name__}: {_typed(role, role_fields(role))}")
-    lines += _entry("keeps local", _typed(cls, local_fields(cls)))
+        lines += _entry("publishes", f"as {role.__name__}: {_typed(role, published_fields(role))}")
+    past = histories(cls)
+    lines += _entry("keeps local", _typed(cls, [one for one in local_fields(cls) if one not in past]))
+    for name, one in past.items():
+        age = "" if one.max_age is None else f", at most {in_seconds(one.max_age):g} s old"
+        lines += _entry("collects", f"{name}: the last {one.size} values of {one.of}{age}")
     for process in processes:
         layer = "adaptation" if process.adaptation else "adapted"
         lines += ["", *_heading(f"  {process.name}, a process of the {layer} layer, {process.when}")]

@@ -137,7 +137,9 @@ def test_both_sides_on_one_node_end_and_commits_name_the_method() -> None:
 
     @ensemble(every=seconds(1))
     class Early(Ventilation):
-        def membership(self, coordinator: Room, member: Cooling, now: Instant) -> bool:
+        def membership(  # type: ignore[override]
+            self, coordinator: Room, member: Cooling, now: Instant
+        ) -> bool:
             return now < seconds(2)
 
     node = Node([Hall(id="hall"), Fan(id="fan")], [Early()], on_commit=commits.append)

@@ -4,6 +4,7 @@ import re
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -15,7 +16,7 @@ from deeco.node import CASCADE_LIMIT
 HERE = Path(__file__).parent / "mistakes"
 ROOT = Path(__file__).parents[2]
 PAGE = (ROOT / "docs" / "deeco.md").read_text()
-(EXAMPLE,) = re.findall(r"^```python\n(.*?)^```$", PAGE, re.MULTILINE | re.DOTALL)
+EXAMPLE, HISTORY = re.findall(r"^```python\n(.*?)^```$", PAGE, re.MULTILINE | re.DOTALL)
 MARK = "# mistake: "
 
 
@@ -32,6 +33,14 @@ def test_the_example_prints_the_documented_output_and_can_be_explained(
     assert f"\nIt prints:\n\n```text\n{capsys.readouterr().out}```\n" in PAGE
     assert explain(["page_example"]) == 0
     assert "switch, a process of the adaptation layer, on a change of is_needed\n" in capsys.readouterr().out
+
+
+def test_the_example_of_a_history_is_a_role() -> None:
+    names: dict[str, Any] = {}
+    exec(HISTORY, names)
+    room = names["Room"]
+    values = tuple((second, 20.0 + second) for second in range(4))
+    assert room(id="hall", recent=values).is_rising() and not room(id="hall", recent=values[:2]).is_rising()
 
 
 def test_the_numbers_of_the_page_are_those_of_the_code() -> None:
