@@ -1,22 +1,23 @@
 """Floor, ports, radio and virtual time for tests of strategies, without a run.
 
-`VirtualSwarm` advances the behaviours of one strategy together, and `VirtualNetwork` nodes of the component
-model. `TextFloor`, `LoggedNavigation` and `ScriptedPositioning` can also be passed to a single process or
-ensemble. Nothing moves by itself: the test decides when a goal is reached or aborted. Lengths are in m in the
-map frame, angles in rad, instants and durations in µs.
+`VirtualSwarm` advances the behaviours of one strategy together on a `LossyMedium` of `deeco.virtual_network`,
+whose `VirtualNetwork` does the same for nodes of the component model. `TextFloor`, `LoggedNavigation` and
+`ScriptedPositioning` can also be passed to a single process or ensemble. Nothing moves by itself: the test
+decides when a goal is reached or aborted. Lengths are in m in the map frame, angles in rad, instants and
+durations in µs.
 """
 
 import textwrap
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any, Final, Generic, TypeVar
+from typing import Any, Final
 
 import numpy as np
 from numpy.random import Generator
 
 from actors.floor.grid import FREE, OCCUPIED, UNKNOWN, OccupancyGrid
 from actors.geometry import CERTAIN, Covariance, Point, Pose
-from actors.instant import START, Duration, Instant, in_seconds, milliseconds
+from actors.instant import START, Instant, in_seconds
 from actors.items import ItemGivenUp, ItemKey, plain_items
 from actors.messages import FrameReceived, FrameSent, OutgoingFrame, RadioEvent
 from actors.randomness import generator
@@ -38,11 +39,11 @@ from actors.robot.navigation.planning import planning_grid
 from actors.robot.navigation.routes import ReachableFloor
 from actors.runtime.errors import AcrcError
 from deeco import Knowledge
-from deeco.link import Reception, Transmission
-from deeco.node import Node
+from deeco.link import Reception
+from deeco.virtual_network import LossyMedium as LossyMedium  # noqa: PLC0414  # re-exported
+from deeco.virtual_network import VirtualNetwork as VirtualNetwork  # noqa: PLC0414
 
 _SIGNS: Final = {".": FREE, "#": OCCUPIED, "?": UNKNOWN, " ": UNKNOWN}
-_STEP: Final = milliseconds(100)
 
 
 class TextFloor(ReachableFloor):
@@ -186,49 +187,6 @@ class LoggedNavigation:
         self.goal, self.plan = Goal(self.goal.point, status, reason), None
 
 
-Reach = Callable[[str, str], float | None]
-"""Signal strength of the first participant at the second, dBm; None: out of reach."""
-
-
-@dataclass
-class LossyMedium:
-    """Broadcast medium without collisions; frames are lost and delayed by seeded draws.
-
-    A frame arrives at the earliest in the step after its transmission.
-    """
-
-    loss: float = 0.0
-    """Probability that a participant within reach does not receive a frame."""
-    delay: tuple[Duration, Duration] = (Duration(0), Duration(0))
-    """Least and greatest time from transmission to reception, µs."""
-    reach: Reach = lambda sender, receiver: -60.0
-    """Default: -60 dBm everywhere. A test may replace it at any time."""
-    seed: int = 1
-    sent: list[tuple[str, Transmission | OutgoingFrame]] = field(default_factory=list)
-    """Sender and frame of all transmissions, by step and participant."""
-
-    def __post_init__(self) -> None:
-        self._rng = generator(self.seed, "test", "medium")
-        self._in_flight: list[tuple[str, Reception]] = []
-
-    def send(self, sender: str, frame: Transmission | OutgoingFrame, participants: Sequence[str]) -> None:
-        """Send a frame to the other participants, whose addresses count from 1."""
-        self.sent.append((sender, frame))
-        for name in participants:
-            rssi_dbm = None if name == sender else self.reach(sender, name)
-            if rssi_dbm is not None and self._rng.random() >= self.loss:
-                instant = Instant(frame.instant + int(self._rng.integers(*self.delay, endpoint=True)))
-                self._in_flight.append(
-                    (name, Reception(instant, participants.index(sender) + 1, frame.data, rssi_dbm))
-                )
-
-    def receive(self, name: str, before: Instant) -> list[Reception]:
-        """Return and remove the frames that a participant received before an instant."""
-        due = [one for one in self._in_flight if one[0] == name and one[1].instant < before]
-        self._in_flight = [one for one in self._in_flight if one not in due]
-        return [reception for _, reception in due]
-
-
 class VirtualRobot:
     """One robot of a `VirtualSwarm`: its behaviour, its ports, and what the behaviour has reported."""
 
@@ -301,47 +259,6 @@ class VirtualRobot:
         if decision.back_out is not None:
             navigation.back_out(decision.back_out)
         return decision.frames
-
-
-P = TypeVar("P", bound=Node | VirtualRobot)
-
-
-class VirtualNetwork(Generic[P]):
-    """Participants of one radio, by name, advanced together in virtual time."""
-
-    def __init__(
-        self,
-        participants: Mapping[str, P],
-        medium: LossyMedium | None = None,
-    ) -> None:
-        self.participants = participants
-        self.medium = medium or LossyMedium()
-        self.now = START
-        """Start of the next step."""
-
-    def __getitem__(self, name: str) -> P:
-        return self.participants[name]
-
-    def advance(self, duration: Duration) -> None:
-        """Advance all participants by `duration`, rounded up to steps of 100 ms."""
-        end = self.now + duration
-        while self.now < end:
-            begin, self.now = self.now, Instant(self.now + _STEP)
-            sent = [
-                (name, frame)
-                for name, one in self.participants.items()
-                for frame in one.advance(self.now, self.medium.receive(name, begin))
-            ]
-            for name, frame in sent:
-                self.medium.send(name, frame, [*self.participants])
-
-    def advance_until(self, condition: Callable[[], bool], timeout: Duration) -> None:
-        """Advance until the condition holds. Raises AssertionError after `timeout`."""
-        end = self.now + timeout
-        while not condition():
-            if self.now >= end:
-                raise AssertionError(f"the condition does not hold within {in_seconds(timeout):g} s")
-            self.advance(_STEP)
 
 
 class VirtualSwarm(VirtualNetwork[VirtualRobot]):

@@ -5,11 +5,11 @@ from typing import Self
 
 import pytest
 
-from acrc_testbed.testing import VirtualNetwork
 from deeco import Contact, Instant, Knowledge, component, ensemble, milliseconds, periodic, role, seconds
 from deeco.link import Reception
 from deeco.network import NetworkParameters
 from deeco.node import Node
+from deeco.virtual_network import VirtualNetwork
 
 
 @role

@@ -8,7 +8,6 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from acrc_testbed.testing import LossyMedium, Reach, VirtualNetwork
 from deeco import (
     Contact,
     Duration,
@@ -26,6 +25,7 @@ from deeco.network import NetworkParameters, Relay, RelayParameters, Replica, Re
 from deeco.node import Node
 from deeco.packet import KnowledgePacket, Version, pack
 from deeco.statistics import NodeCounters
+from deeco.virtual_network import LossyMedium, Reach, VirtualNetwork
 
 
 @role
