@@ -78,8 +78,10 @@ class LinkParameters:
     def __post_init__(self) -> None:
         for one in fields(self):
             value, (least, most) = getattr(self, one.name), _RANGES[one.name]
-            if not least <= value <= most:
-                raise DeploymentError(f"LinkParameters.{one.name} is {value}; must be from {least} to {most}")
+            if type(value) is not int or not least <= value <= most:
+                raise DeploymentError(
+                    f"LinkParameters.{one.name} is {value!r}; must be an integer from {least} to {most}"
+                )
 
 
 DEFAULTS: Final = LinkParameters()

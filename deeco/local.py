@@ -74,8 +74,12 @@ class LocalComponent:
         self, value: Knowledge, binding: Binding, listeners: tuple[CommitListener, ...] = ()
     ) -> None:
         kind = type(value)
+        if isinstance(value, type):
+            raise DeploymentError(f"{value.__name__} is a class; use an instance, {value.__name__}(id=...)")
         if not is_component(kind):
             raise DeploymentError(f"{kind.__name__} cannot be deployed: decorate its class with @component")
+        if not isinstance(value.id, str) or not value.id:
+            raise DeploymentError(f"{kind.__name__}.id is {value.id!r}; must be a str that is not empty")
         self.id = value.id
         self.value = value
         self.processes = tuple(BoundProcess(process, self, binding) for process in processes_of(kind))
@@ -289,7 +293,10 @@ class BoundEnsemble:
         self, error: Exception, side: _EnsembleSide, local: LocalComponent, peer: Peer, now: Instant
     ) -> None:
         ids = (local.id, peer.id) if side.local_is_coordinator else (peer.id, local.id)
-        error.add_note(f"in ensemble {self.type.name} of {ids[0]!r} and {ids[1]!r} at {in_seconds(now):g} s")
+        hint = "; a peer has the fields of its role only" if isinstance(error, AttributeError) else ""
+        error.add_note(
+            f"in ensemble {self.type.name} of {ids[0]!r} and {ids[1]!r} at {in_seconds(now):g} s{hint}"
+        )
 
     def _exchange(
         self, exchange: _BoundExchange, local: LocalComponent, peer: Peer, now: Instant, contact: Contact

@@ -17,7 +17,7 @@ from typing import Any, Final, NamedTuple
 from deeco.ensemble import Contact
 from deeco.fragments import Fragmenter, Reassembly
 from deeco.history import with_history
-from deeco.instant import START, Duration, Instant, Task, milliseconds, seconds
+from deeco.instant import START, Duration, Instant, Task, check_duration, milliseconds, seconds
 from deeco.knowledge import Knowledge, new_tuple
 from deeco.link import LinkParameters, Reception, Transmission
 from deeco.packet import KnowledgePacket, Unpacker, Version, increment_hops, pack
@@ -215,7 +215,7 @@ and 2^16 times the golden ratio: any two epochs are far apart."""
 
 @dataclass(frozen=True)
 class NetworkParameters:
-    """Parameters of publishing, replicas and relaying."""
+    """Parameters of publishing, replicas and relaying. Raises DefinitionError for a wrong duration."""
 
     publish_every: Duration = field(default=seconds(1))
     """Period of publishing all roles of the node's own components. Default: JDEECo,
@@ -227,6 +227,10 @@ class NetworkParameters:
     relay: RelayParameters | None = None
     """None: no relaying."""
     link: LinkParameters = field(default_factory=LinkParameters)
+
+    def __post_init__(self) -> None:
+        check_duration("NetworkParameters: publish_every", self.publish_every)
+        check_duration("NetworkParameters: forget_after", self.forget_after)
 
 
 class ReplicaUpdate(NamedTuple):

@@ -163,6 +163,8 @@ class Node:
         is invalid.
         """
         parameters = parameters or NetworkParameters()
+        if isinstance(components, Knowledge):
+            raise DeploymentError(f"components is a {type(components).__name__}; pass a list of components")
         self._statistics: Statistics = Statistics() if previous is None else previous._statistics
         self._counters = self._statistics.counters
         self._now = start
@@ -174,7 +176,8 @@ class Node:
         self._by_id = {one.id: one for one in self._locals}
         self._with_histories = tuple(one for one in self._locals if histories(type(one.value)))
         if len(self._by_id) < len(self._locals):
-            raise DeploymentError("two components of a node have the same id; ids must be unique")
+            ids = ", ".join(one.id for one in self._locals)
+            raise DeploymentError(f"the components of a node are {ids}; ids must be unique")
         self._ensembles = tuple(BoundEnsemble(one, binding, self._statistics) for one in ensembles)
         self._change_ensembles = tuple(one for one in self._ensembles if one.type.on_change)
         self._network: Network = Network(
@@ -207,7 +210,10 @@ class Node:
         return self._network.replicas
 
     def knowledge(self, component: str) -> Knowledge:
-        """Return the current knowledge of a component of this node."""
+        """Return the current knowledge of a component of this node. Raises DeploymentError for another id."""
+        if component not in self._by_id:
+            known = ", ".join(self._by_id)
+            raise DeploymentError(f"this node has no component {component!r}; use one of {known}")
         return self._by_id[component].value
 
     def outcome(self) -> dict[str, dict[Any, int]]:

@@ -157,6 +157,19 @@ def test_an_exception_in_membership_propagates() -> None:
     assert caught.value.__notes__ == ["in ensemble Failing of 'a' and 'b' at 1 s"]
 
 
+def test_a_local_field_of_a_peer_is_missing_and_the_note_says_why() -> None:
+    @ensemble(every=seconds(1))
+    class Curious:
+        def membership(self, coordinator: Vehicle, member: Vehicle) -> bool:
+            return bool(coordinator.followed)  # type: ignore[attr-defined]
+
+    swarm = nodes(Car(id="a"), Car(id="b"), ensembles=(Curious(),))
+    with pytest.raises(AttributeError, match="'Vehicle' object has no attribute 'followed'") as caught:
+        VirtualNetwork(swarm).advance(seconds(2))
+    (note,) = caught.value.__notes__
+    assert note.endswith("at 1 s; a peer has the fields of its role only")
+
+
 def test_old_replicas_are_excluded_and_dropped() -> None:
     @ensemble(every=seconds(1), max_age=seconds(2))
     class Fresh:

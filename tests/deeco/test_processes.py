@@ -2,13 +2,14 @@
 
 from collections.abc import Callable
 from dataclasses import replace
-from typing import Protocol, Self, TypeVar
+from typing import Any, Protocol, Self, TypeVar
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from deeco import (
+    DefinitionError,
     DeploymentError,
     ExecutionError,
     Instant,
@@ -21,6 +22,7 @@ from deeco import (
     seconds,
 )
 from deeco.instant import Duration, Task
+from deeco.network import NetworkParameters
 from deeco.node import Node, TaskQueue
 from tests.refusals import refused
 
@@ -175,15 +177,32 @@ def test_a_long_chain_of_triggers_is_allowed() -> None:
         (
             [Ordered(id="a"), Ordered(id="a")],
             {},
-            "two components of a node have the same id; ids must be unique",
+            "the components of a node are a, a; ids must be unique",
         ),
+        ([Sensor], {}, "Sensor is a class; use an instance, Sensor(id=...)"),
+        (Sensor(id="a"), {}, "components is a Sensor; pass a list of components"),
+        ([Ordered(id=3)], {}, "Ordered.id is 3; must be a str that is not empty"),  # type: ignore[arg-type]
+        ([Ordered(id="")], {}, "Ordered.id is ''; must be a str that is not empty"),
     ],
 )
-def test_invalid_deployments_are_refused(
-    components: list[Knowledge], ports: dict[type, object], sentence: str
-) -> None:
+def test_invalid_deployments_are_refused(components: Any, ports: dict[type, object], sentence: str) -> None:
     with refused(sentence, DeploymentError):
         Node(components, ports=ports)
+
+
+def test_another_component_and_wrong_durations_are_refused() -> None:
+    node = Node([Ordered(id="a"), Ordered(id="b")])
+    with refused("this node has no component 'c'; use one of a, b", DeploymentError):
+        node.knowledge("c")
+    advice = "use at least 1000 µs. seconds(1) is one second"
+    for name in ("publish_every", "forget_after"):
+        for value in (1, -2_000_000):
+            with refused(f"NetworkParameters: {name}={value} is {value} µs; {advice}", DefinitionError):
+                NetworkParameters(**{name: value})  # type: ignore[arg-type]
+        with refused(
+            f"NetworkParameters: {name}=True is not a duration; use one, such as seconds(1)", DefinitionError
+        ):
+            NetworkParameters(**{name: True})  # type: ignore[arg-type]
 
 
 def wrong(change: Callable[[Thermometer], object]) -> type[Knowledge]:

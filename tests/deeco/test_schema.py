@@ -336,7 +336,12 @@ MISTAKES: dict[str, Callable[[], object]] = {
     "Robot plays Sweeper, which is not in the role registry": lambda: RoleRegistry([]).pack(robot(0)),
     "Both plays 2 roles; at most 1 are allowed (LinkParameters.max_roles)": pack_both,
     "Player cannot be published: decorate its class with @role": lambda: fingerprint(played(Sweeper)),
-    "LinkParameters.frame_data is 9; must be from 10 to 65535": lambda: LinkParameters(frame_data=9),
+    "LinkParameters.frame_data is 9; must be an integer from 10 to 65535": (
+        lambda: LinkParameters(frame_data=9)
+    ),
+    "LinkParameters.max_open is '8'; must be an integer from 1 to 65536": (
+        lambda: LinkParameters(max_open="8")  # type: ignore[arg-type]
+    ),
 }
 
 
