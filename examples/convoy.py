@@ -7,12 +7,22 @@
 from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import pairwise
-from random import Random
-from typing import NamedTuple, Self
+from typing import Self
 
-from deeco import Contact, Instant, Knowledge, component, ensemble, periodic, replace, role, seconds
-from deeco.link import Reception, Transmission
+from deeco import (
+    Contact,
+    Instant,
+    Knowledge,
+    component,
+    ensemble,
+    milliseconds,
+    periodic,
+    replace,
+    role,
+    seconds,
+)
 from deeco.node import Node
+from deeco.virtual_network import LossyMedium, VirtualNetwork
 
 
 @dataclass
@@ -23,10 +33,10 @@ class Motion:
     speed: float = 0.0
     wanted_speed: float = 0.0
 
-    def advance(self, time: float) -> None:
-        """Simulate some time, s; the acceleration is at most 2 m/s²."""
-        self.speed += max(-2.0 * time, min(self.wanted_speed - self.speed, 2.0 * time))
-        self.position += self.speed * time
+    def advance(self) -> None:
+        """Simulate 0.1 s; the acceleration is at most 2 m/s²."""
+        self.speed += max(-0.2, min(self.wanted_speed - self.speed, 0.2))
+        self.position += self.speed * 0.1
 
 
 @role
@@ -36,51 +46,27 @@ class Vehicle(Knowledge):
     position: float
     speed: float = 0.0
 
+    def place(self, age: int) -> float:
+        """Return the position extrapolated by `age`, µs."""
+        return self.position + self.speed * age / seconds(1)
+
 
 @component
-class Car(Vehicle):
-    """A vehicle at constant speed. Fields that are not in the role are private."""
+class Follower(Vehicle):
+    """A vehicle that keeps its distance. Fields that are not in the role are private."""
 
-    cruise: float = 10.0
+    cruise: float
+    ahead: Vehicle | None = None
+    heard: Instant = Instant(0)
 
-    @periodic(every=seconds(0.1))
+    @periodic(every=milliseconds(100))
     def drive(self, motion: Motion, now: Instant) -> Self:
         """Return the next knowledge. The parameters of a process are ports, selected by type."""
-        here = replace(self, position=motion.position, speed=motion.speed)
-        motion.wanted_speed = here.wanted_speed(now)
-        return here
-
-    def wanted_speed(self, now: Instant) -> float:
-        """Return the wanted speed, m/s: an ordinary method, not a process."""
-        return self.cruise
-
-
-class Sighting(NamedTuple):
-    """Last received state of a vehicle."""
-
-    id: str
-    position: float
-    speed: float
-    heard: Instant
-
-    def place(self, now: Instant) -> float:
-        """Return the extrapolated position, m."""
-        return self.position + self.speed * (now - self.heard) / seconds(1)
-
-
-@component
-class Follower(Car):
-    """A vehicle that keeps its distance by overriding a method that the process `drive` calls."""
-
-    gap: float = 20.0
-    ahead: Sighting | None = None
-
-    def wanted_speed(self, now: Instant) -> float:
-        """Return the speed of the vehicle ahead plus up to 5 m/s; `cruise` without news for 10 s."""
-        if self.ahead is None or now - self.ahead.heard > seconds(10):
-            return self.cruise
-        excess = self.ahead.place(now) - self.position - self.gap
-        return max(0.0, self.ahead.speed + min(0.1 * excess, 5.0))
+        motion.wanted_speed = self.cruise
+        if self.ahead is not None:
+            excess = self.ahead.place(now - self.heard) - motion.position - 20
+            motion.wanted_speed = max(0.0, self.ahead.speed + min(0.1 * excess, 5.0))
+        return replace(self, position=motion.position, speed=motion.speed)
 
 
 @ensemble(every=seconds(0.5), max_age=seconds(10))
@@ -89,38 +75,41 @@ class Convoy:
 
     reach: float = 100.0
 
-    def membership(self, coordinator: Vehicle, member: Vehicle) -> bool:
-        """Return whether the coordinator is ahead of the member, within reach."""
-        return 0 < coordinator.position - member.position < self.reach
+    def membership(self, coordinator: Vehicle, member: Vehicle, now: Instant, contact: Contact) -> bool:
+        """Return whether the coordinator is ahead of the member, within reach, by now."""
+        return 0 < coordinator.place(now - contact.heard) - member.position < self.reach
 
     def at_member(self, coordinator: Vehicle, member: Follower, now: Instant, contact: Contact) -> Follower:
         """Update the member, on its own node; the coordinator is a replica received by radio."""
-        seen = Sighting(coordinator.id, coordinator.position, coordinator.speed, contact.heard)
-        known = member.ahead
-        nearer = known is None or known.id == seen.id or seen.place(now) < known.place(now)
-        return replace(member, ahead=seen) if nearer else member
+        place, known = coordinator.place(now - contact.heard), member.ahead
+        if known is None or known.id == coordinator.id or place < known.place(now - member.heard):
+            return replace(member, ahead=coordinator, heard=contact.heard)
+        return member
+
+    def at_member_end(self, coordinator: Vehicle, member: Follower) -> Follower:
+        """Cruise again: the vehicle ahead is not received any more, or not within reach."""
+        is_ahead = member.ahead is not None and member.ahead.id == coordinator.id
+        return replace(member, ahead=None) if is_ahead else member
 
 
 def drive(*, loss: float = 0.2, reach: float = 150.0, seed: int = 1) -> Iterator[list[float]]:
     """Yield the gaps, m, front to back, every 10 s. `loss`: share of lost frames; `reach`: radio range, m."""
-    random = Random(seed)
-    motions = [Motion(position) for position in (200.0, 140.0, 95.0, 0.0)]
-    cars = [Car(id="leader", position=200.0)]
-    cars += [Follower(id=f"follower {n}", position=motions[n].position, cruise=8.0) for n in (1, 2, 3)]
-    nodes = [Node([cars[n]], [Convoy()], ports={Motion: motions[n]}, address=n) for n in range(4)]
-    sent: list[tuple[int, Transmission]] = []
+    motions = {"leader": Motion(200.0), "a": Motion(140.0), "b": Motion(95.0), "c": Motion(0.0)}
+    nodes = {}
+    for name, motion in motions.items():
+        car = Follower(id=name, position=motion.position, cruise=10.0 if name == "leader" else 8.0)
+        nodes[name] = Node([car], [Convoy()], ports={Motion: motion})
+
+    def rssi_dbm(sender: str, receiver: str) -> float | None:
+        return -60.0 if abs(motions[sender].position - motions[receiver].position) < reach else None
+
+    network = VirtualNetwork(nodes, LossyMedium(loss, reach=rssi_dbm, seed=seed))
     for step in range(1, 1201):
-        heard: list[list[Reception]] = [[] for _ in nodes]
-        for n, frame in sent:
-            for m, motion in enumerate(motions):
-                if n != m and abs(motion.position - motions[n].position) < reach and random.random() >= loss:
-                    heard[m].append(Reception(frame.instant, n, frame.data))
-        now = Instant(seconds(step / 10))
-        sent = [(n, frame) for n, node in enumerate(nodes) for frame in node.advance(now, heard[n])]
-        for motion in motions:
-            motion.advance(0.1)
+        network.advance(milliseconds(100))
+        for motion in motions.values():
+            motion.advance()
         if step % 100 == 0:
-            yield [front.position - back.position for front, back in pairwise(motions)]
+            yield [front.position - back.position for front, back in pairwise(motions.values())]
 
 
 if __name__ == "__main__":

@@ -11,8 +11,8 @@ import pytest
 from deeco import DefinitionError, Knowledge, component, role
 from deeco.ensemble import ensemble_type_of
 from deeco.knowledge import has_generated_init, immutability_fault
+from tests.deeco.refusals import refused
 from tests.deeco.test_schema import unpacked
-from tests.refusals import refused
 
 PRELUDE = """
 from dataclasses import dataclass

@@ -15,8 +15,8 @@ from deeco.fragments import CHECKSUM, HEADER, Fragmenter, Reassembly
 from deeco.instant import START, Instant, milliseconds, seconds
 from deeco.link import LinkParameters
 from deeco.packet import KnowledgePacket, Unpacker, Version, increment_hops, pack
+from tests.deeco.refusals import refused
 from tests.deeco.sweepers import REGISTRY, Sweeper, published, robot
-from tests.refusals import refused
 
 
 def pieces(frame: bytes) -> list[tuple[int, int, int, int, int]]:

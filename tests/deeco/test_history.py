@@ -27,7 +27,7 @@ from deeco.link import Reception
 from deeco.local import Commit
 from deeco.node import Node
 from deeco.schema import RoleRegistry
-from tests.refusals import refused
+from tests.deeco.refusals import refused
 
 
 @role

@@ -21,7 +21,7 @@ from deeco.link import Reception
 from deeco.local import Commit
 from deeco.network import NetworkParameters
 from deeco.node import Node
-from tests.refusals import refused
+from tests.deeco.refusals import refused
 
 
 @role

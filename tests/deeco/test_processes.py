@@ -24,7 +24,7 @@ from deeco import (
 from deeco.instant import Duration, Task
 from deeco.network import NetworkParameters
 from deeco.node import Node, TaskQueue
-from tests.refusals import refused
+from tests.deeco.refusals import refused
 
 
 class Log(Protocol):

@@ -17,8 +17,8 @@ from deeco.errors import DefinitionError, DeploymentError, ExecutionError
 from deeco.knowledge import Knowledge
 from deeco.link import LinkParameters
 from deeco.schema import Resolution, RoleRegistry, UnpackedRoles
+from tests.deeco.refusals import refused
 from tests.deeco.sweepers import REGISTRY, Mode, Point, Sweeper, robot
-from tests.refusals import refused
 
 Metres = NewType("Metres", float)
 

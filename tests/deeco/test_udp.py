@@ -25,7 +25,7 @@ from deeco.link import LinkParameters
 from deeco.network import NetworkParameters
 from deeco.node import Node
 from deeco.udp import MAX_DATAGRAM, UdpLink
-from tests.refusals import refused
+from tests.deeco.refusals import refused
 
 FAST = NetworkParameters(publish_every=milliseconds(50))
 

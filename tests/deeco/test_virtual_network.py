@@ -6,7 +6,7 @@ from deeco import DefinitionError, ExecutionError, Instant, Knowledge, component
 from deeco.link import Transmission
 from deeco.node import Node
 from deeco.virtual_network import LossyMedium, VirtualNetwork
-from tests.refusals import refused
+from tests.deeco.refusals import refused
 
 
 @role
