@@ -42,7 +42,7 @@ _TAG: Final = "_deeco_ensemble"
 _NONE: Final = Duration(0)
 COORDINATOR: Final = "coordinator"
 MEMBER: Final = "member"
-_ENDS: Final = ("at_coordinator_end", "at_member_end")
+_EXCHANGES: Final = {f"at_{side}{end}": side for end in ("", "_end") for side in (COORDINATOR, MEMBER)}
 
 
 class Contact(NamedTuple):
@@ -92,18 +92,10 @@ class EnsembleType:
     member: type[Knowledge]
     ports: tuple[tuple[str, Any], ...]
     """Further parameters of `membership`."""
-    at_coordinator: Exchange | None
-    at_member: Exchange | None
-    at_coordinator_end: Exchange | None
-    at_member_end: Exchange | None
+    exchanges: Mapping[str, Exchange]
+    """By method: `at_coordinator`, `at_member`, `at_coordinator_end`, `at_member_end`; those that it has."""
     boundary: tuple[type[Knowledge], type[Knowledge]] | None
     """Roles of the sender and of the local component in `boundary`; None without a boundary."""
-
-    @property
-    def exchanges(self) -> dict[str, Exchange]:
-        """Exchanges by method name."""
-        methods = [f"at_{side}{end}" for end in ("", "_end") for side in (COORDINATOR, MEMBER)]
-        return {name: exchange for name in methods if (exchange := getattr(self, name))}
 
     @property
     def roles(self) -> tuple[type[Knowledge], ...]:
@@ -154,7 +146,11 @@ def ensemble(
                     f"ensemble {cls.__name__} runs on a change of {getattr(fact, '__qualname__', fact)}, "
                     f"which is not a method of {coordinator.__name__} or {member.__name__}"
                 )
-        if every is None and (end := next((one for one in _ENDS if hasattr(cls, one)), None)):
+        exchanges = {
+            name: _exchange(cls, name, _EXCHANGES[name]) for name in _EXCHANGES if hasattr(cls, name)
+        }
+        end = next((one for one in exchanges if one.endswith("_end")), None)
+        if end and every is None:
             raise DefinitionError(
                 f"ensemble {cls.__name__} has {end} but no period; set every=, "
                 "as a replica becomes too old without any change"
@@ -168,10 +164,7 @@ def ensemble(
             coordinator=coordinator,
             member=member,
             ports=more,
-            at_coordinator=_exchange(cls, "at_coordinator", COORDINATOR),
-            at_member=_exchange(cls, "at_member", MEMBER),
-            at_coordinator_end=_exchange(cls, _ENDS[0], COORDINATOR),
-            at_member_end=_exchange(cls, _ENDS[1], MEMBER),
+            exchanges=exchanges,
             boundary=_sides(cls, "boundary", "sender", "here")[:2] if hasattr(cls, "boundary") else None,
         )
 
@@ -194,9 +187,7 @@ def ensemble_type_of(instance: object) -> EnsembleType:
     return found
 
 
-def _exchange(cls: type, name: str, side: str) -> Exchange | None:
-    if not hasattr(cls, name):
-        return None
+def _exchange(cls: type, name: str, side: str) -> Exchange:
     coordinator, member, more = _sides(cls, name, COORDINATOR, MEMBER)
     own, peer = (coordinator, member) if side == COORDINATOR else (member, coordinator)
     if is_component(peer):

@@ -265,14 +265,15 @@ class BoundEnsemble:
         self._statistics.counters.memberships += 1
         try:
             coordinator, member = (value, role) if side.local_is_coordinator else (role, value)
-            if self._membership.pair(coordinator, member, now, contact):
-                if side.end is not None:
-                    side.members[local.id, peer.id] = peer
-                return side.exchange is not None and self._exchange(side.exchange, local, peer, now, contact)
+            holds = self._membership.pair(coordinator, member, now, contact)
         except Exception as error:
-            self._add_note(error, side, local, peer, now)
+            self._add_note(error, side.local_is_coordinator, local, peer, now)
             raise
-        return side.end is not None and self._end(side, local, peer, now, EndReason.CONDITION)
+        if not holds:
+            return side.end is not None and self._end(side, local, peer, now, EndReason.CONDITION)
+        if side.end is not None:
+            side.members[local.id, peer.id] = peer
+        return side.exchange is not None and self._exchange(side.exchange, local, peer, now, contact)
 
     def _end(
         self, side: _EnsembleSide, local: LocalComponent, peer: Peer, now: Instant, reason: EndReason
@@ -283,20 +284,7 @@ class BoundEnsemble:
             return False
         known = last if peer.role(side.end.peer) is None else peer
         side.end.call.set_reason(reason)
-        try:
-            return self._exchange(side.end, local, known, now, known.contact(now))
-        except Exception as error:
-            self._add_note(error, side, local, peer, now)
-            raise
-
-    def _add_note(
-        self, error: Exception, side: _EnsembleSide, local: LocalComponent, peer: Peer, now: Instant
-    ) -> None:
-        ids = (local.id, peer.id) if side.local_is_coordinator else (peer.id, local.id)
-        hint = "; a peer has the fields of its role only" if isinstance(error, AttributeError) else ""
-        error.add_note(
-            f"in ensemble {self.type.name} of {ids[0]!r} and {ids[1]!r} at {in_seconds(now):g} s{hint}"
-        )
+        return self._exchange(side.end, local, known, now, known.contact(now))
 
     def _exchange(
         self, exchange: _BoundExchange, local: LocalComponent, peer: Peer, now: Instant, contact: Contact
@@ -304,11 +292,26 @@ class BoundEnsemble:
         value, role = local.value, peer.role(exchange.peer)
         if role is None or not isinstance(value, exchange.own):
             return False
-        coordinator, member = (value, role) if exchange.local_is_coordinator else (role, value)
-        result = exchange.call.pair(coordinator, member, now, contact)
-        if result is value:
-            return False
-        if not local.commit(result, exchange.name, now, adaptation=True, peer=peer.id, heard=contact.heard):
-            return False
+        try:
+            coordinator, member = (value, role) if exchange.local_is_coordinator else (role, value)
+            result = exchange.call.pair(coordinator, member, now, contact)
+            if result is value:
+                return False
+            if not local.commit(
+                result, exchange.name, now, adaptation=True, peer=peer.id, heard=contact.heard
+            ):
+                return False
+        except Exception as error:
+            self._add_note(error, exchange.local_is_coordinator, local, peer, now)
+            raise
         self._statistics.exchanges[self.type.name] += 1
         return True
+
+    def _add_note(
+        self, error: Exception, is_coordinator: bool, local: LocalComponent, peer: Peer, now: Instant
+    ) -> None:
+        first, second = (local.id, peer.id) if is_coordinator else (peer.id, local.id)
+        hint = "; a peer has the fields of its role only" if isinstance(error, AttributeError) else ""
+        error.add_note(
+            f"in ensemble {self.type.name} of {first!r} and {second!r} at {in_seconds(now):g} s{hint}"
+        )
