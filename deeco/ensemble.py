@@ -146,9 +146,7 @@ def ensemble(
                     f"ensemble {cls.__name__} runs on a change of {getattr(fact, '__qualname__', fact)}, "
                     f"which is not a method of {coordinator.__name__} or {member.__name__}"
                 )
-        exchanges = {
-            name: _exchange(cls, name, _EXCHANGES[name]) for name in _EXCHANGES if hasattr(cls, name)
-        }
+        exchanges = _exchanges(cls)
         end = next((one for one in exchanges if one.endswith("_end")), None)
         if end and every is None:
             raise DefinitionError(
@@ -185,6 +183,12 @@ def ensemble_type_of(instance: object) -> EnsembleType:
             f"{instance!r} is not an ensemble; use an instance of a class with @ensemble(...)"
         )
     return found
+
+
+def _exchanges(cls: type) -> dict[str, Exchange]:
+    if wrong := next((name for name in vars(cls) if name[:3] == "at_" and name not in _EXCHANGES), None):
+        raise DefinitionError(f"{cls.__name__}.{wrong} is never called; use {', '.join(_EXCHANGES)}")
+    return {name: _exchange(cls, name, side) for name, side in _EXCHANGES.items() if hasattr(cls, name)}
 
 
 def _exchange(cls: type, name: str, side: str) -> Exchange:

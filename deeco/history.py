@@ -26,7 +26,7 @@ MAX_SIZE: Final = 1000
 
 @dataclass(frozen=True)
 class History:
-    """Annotation of a field that collects the last `size` values of the field `of`; its default must be ().
+    """Annotation of a field that collects the last `size` values of the field `of`; its default is ().
 
     `max_age`: with each new value, older ones are dropped; None: no limit.
     """
@@ -61,28 +61,25 @@ def published_fields(role: type[Knowledge]) -> tuple[str, ...]:
 
 def add_histories(cls: type[Knowledge], hints: dict[str, Any]) -> None:
     """Store the histories among a class's annotated fields. Raises DefinitionError for an invalid one."""
-    defaults = {field.name: field.default for field in fields(cls)}
-    extras = {name: getattr(hints[name], "__metadata__", ()) for name in defaults}
-    found = {name: one for name in defaults for one in extras[name] if isinstance(one, History)}
+    names = [field.name for field in fields(cls)]
+    extras = {name: getattr(hints[name], "__metadata__", ()) for name in names}
+    found = {name: one for name in names for one in extras[name] if isinstance(one, History)}
     setattr(cls, _TAG, found)
     for name, history in found.items():
         where = f"{cls.__name__}.{name}: History({history.of!r})"
-        if history.of not in defaults or history.of in found:
-            others = ", ".join(one for one in defaults if one not in found)
+        if history.of not in names or history.of in found:
+            others = ", ".join(one for one in names if one not in found)
             raise DefinitionError(f"{where} needs another field of {cls.__name__}; use one of {others}")
         value = hints[history.of]
         value = value.__origin__ if get_origin(value) is Annotated else value
         if hints[name].__origin__ != Past[value]:  # type: ignore[valid-type]  # made at run time
             text = describe(value)
             raise DefinitionError(f"{where} collects values of type {text}; annotate it with Past[{text}]")
-        if defaults[name] != ():
-            raise DefinitionError(f"{where} is empty at first; write = () after its type")
 
 
 def with_history(value: K, before: Knowledge | None, now: Instant) -> K:
     """Return the knowledge with its present values added to the histories of `before`."""
     changes: dict[str, Any] = {}
     for name, history in histories(type(value)).items():
-        past = () if before is None else getattr(before, name)
-        changes[name] = history.extended(past, now, getattr(value, history.of))
+        changes[name] = history.extended(getattr(before, name, ()), now, getattr(value, history.of))
     return replace(value, **changes)

@@ -182,8 +182,8 @@ class _EnsembleSide:
         self.own, self.peer = roles if self.local_is_coordinator else reversed(roles)
         self.exchange = exchanges.get(f"at_{side}")
         self.end = exchanges.get(f"at_{side}_end")
-        self.members: dict[tuple[str, str], Peer] = {}
-        """Last peer with which the membership held, by local component and peer; empty without `end`."""
+        self.members: dict[tuple[str, str], tuple[LocalComponent, Peer]] = {}
+        """Local component and last peer with which the membership held, by id; empty without `end`."""
 
 
 class BoundEnsemble:
@@ -244,17 +244,16 @@ class BoundEnsemble:
         changed: dict[str, LocalComponent],
     ) -> None:
         """End memberships with peers that are too old or dropped, in order of components, peers and sides."""
-        by_id, oldest = {one.id: one for one in locals_}, self.type.max_age
         present = {one.id for one in (*locals_, *replicas)}
-        absent = sorted((ids, n) for n, side in enumerate(self._ends) for ids in side.members)
-        for (own, other), number in absent:
-            if other not in present:
+        oldest = self.type.max_age
+        members = sorted((ids, number) for number, side in enumerate(self._ends) for ids in side.members)
+        for ids, number in members:
+            if ids[1] not in present:
                 side = self._ends[number]
-                peer = side.members[own, other]
+                local, peer = side.members[ids]
                 is_old = oldest is not None and now - peer.contact(now).heard > oldest
-                reason = EndReason.AGE if is_old else EndReason.FORGOTTEN
-                if self._end(side, by_id[own], peer, now, reason):
-                    changed[own] = by_id[own]
+                if self._end(side, local, peer, now, EndReason.AGE if is_old else EndReason.FORGOTTEN):
+                    changed[local.id] = local
 
     def _meet(self, side: _EnsembleSide, local: LocalComponent, peer: Peer, now: Instant) -> bool:
         """Evaluate membership and exchange of a pair; return whether the knowledge changed."""
@@ -272,7 +271,7 @@ class BoundEnsemble:
         if not holds:
             return side.end is not None and self._end(side, local, peer, now, EndReason.CONDITION)
         if side.end is not None:
-            side.members[local.id, peer.id] = peer
+            side.members[local.id, peer.id] = (local, peer)
         return side.exchange is not None and self._exchange(side.exchange, local, peer, now, contact)
 
     def _end(
@@ -282,7 +281,7 @@ class BoundEnsemble:
         last = side.members.pop((local.id, peer.id), None)
         if last is None or side.end is None:
             return False
-        known = last if peer.role(side.end.peer) is None else peer
+        known = last[1] if peer.role(side.end.peer) is None else peer
         side.end.call.set_reason(reason)
         return self._exchange(side.end, local, known, now, known.contact(now))
 

@@ -163,8 +163,8 @@ class Node:
         is invalid.
         """
         parameters = parameters or NetworkParameters()
-        if isinstance(components, Knowledge):
-            raise DeploymentError(f"components is a {type(components).__name__}; pass a list of components")
+        if type(epoch) is not int or epoch < 0:
+            raise DeploymentError(f"epoch is {epoch!r}; must be an integer of at least 0")
         self._statistics: Statistics = Statistics() if previous is None else previous._statistics
         self._counters = self._statistics.counters
         self._now = start

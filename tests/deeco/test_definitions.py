@@ -126,6 +126,9 @@ MISTAKES = {
     "Convoy.membership: its first parameters must be self, coordinator and member": (
         convoy(" def membership(self, member: Vehicle, coordinator: Vehicle) -> bool: ...")
     ),
+    "Convoy.at_meber is never called; use at_coordinator, at_member, at_coordinator_end, at_member_end": (
+        convoy(MEMBERSHIP + " def at_meber(self, coordinator: Vehicle, member: Truck) -> Truck: ...")
+    ),
     "Convoy.boundary: its first parameters must be self, sender and here": (
         convoy(MEMBERSHIP + " def boundary(self, coordinator: Vehicle, member: Vehicle) -> bool: ...")
     ),

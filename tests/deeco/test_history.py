@@ -143,49 +143,39 @@ def test_a_history_has_the_newest_values_within_both_limits(
         assert collected[-1] == (now, value)
 
 
-def room(annotation: str, default: str = "()") -> None:
-    fields = f"celsius: Annotated[float, 1] = 20.0\n    past: {annotation} = {default}"
+def room(annotation: str) -> None:
+    fields = f"celsius: Annotated[float, 1] = 20.0\n    past: {annotation} = ()"
     exec(f"@role\nclass Shed(Knowledge):\n    {fields}", globals())
 
 
 @pytest.mark.parametrize(
-    ("annotation", "default", "sentence"),
+    ("annotation", "sentence"),
     [
         (
             "Annotated[Past[float], History('celsus', 3)]",
-            "()",
             "Shed.past: History('celsus') needs another field of Shed; use one of id, celsius",
         ),
         (
             "Annotated[Past[float], History('past', 3)]",
-            "()",
             "Shed.past: History('past') needs another field of Shed; use one of id, celsius",
         ),
         (
             "Annotated[Past[int], History('celsius', 3)]",
-            "()",
             "Shed.past: History('celsius') collects values of type float; annotate it with Past[float]",
         ),
         (
-            "Annotated[Past[float], History('celsius', 3)]",
-            "((0, 0.0),)",
-            "Shed.past: History('celsius') is empty at first; write = () after its type",
-        ),
-        (
             "Annotated[Past[float], History('celsius', 0)]",
-            "()",
             "History('celsius'): size is 0; must be an integer from 1 to 1000",
         ),
         (
             "Annotated[Past[float], History('celsius', 3, 60)]",
-            "()",
             "History('celsius'): max_age=60 is 60 µs; use at least 1000 µs. seconds(1) is one second",
         ),
     ],
 )
-def test_invalid_histories_are_refused(annotation: str, default: str, sentence: str) -> None:
+def test_invalid_histories_are_refused(annotation: str, sentence: str) -> None:
     with refused(sentence, DefinitionError):
-        room(annotation, default)
+        room(annotation)
 
 
 def test_a_component_can_collect_local_fields_and_is_described() -> None:

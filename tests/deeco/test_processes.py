@@ -180,7 +180,6 @@ def test_a_long_chain_of_triggers_is_allowed() -> None:
             "the components of a node are a, a; ids must be unique",
         ),
         ([Sensor], {}, "Sensor is a class; use an instance, Sensor(id=...)"),
-        (Sensor(id="a"), {}, "components is a Sensor; pass a list of components"),
         ([Ordered(id=3)], {}, "Ordered.id is 3; must be a str that is not empty"),  # type: ignore[arg-type]
         ([Ordered(id="")], {}, "Ordered.id is ''; must be a str that is not empty"),
     ],
@@ -194,6 +193,9 @@ def test_another_component_and_wrong_durations_are_refused() -> None:
     node = Node([Ordered(id="a"), Ordered(id="b")])
     with refused("this node has no component 'c'; use one of a, b", DeploymentError):
         node.knowledge("c")
+    for epoch in ("3", -1, True, 1.5):
+        with refused(f"epoch is {epoch!r}; must be an integer of at least 0", DeploymentError):
+            Node([Ordered(id="a")], epoch=epoch)  # type: ignore[arg-type]
     advice = "use at least 1000 µs. seconds(1) is one second"
     for name in ("publish_every", "forget_after"):
         for value in (1, -2_000_000):
