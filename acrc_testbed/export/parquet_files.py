@@ -17,7 +17,7 @@ Kind = Literal["float", "int", "bool", "text"]
 
 
 @dataclass(frozen=True)
-class Column:
+class TableColumn:
     """One column of a table."""
 
     name: str
@@ -32,20 +32,20 @@ class ExportTable:
 
     name: str
     row: str
-    columns: tuple[Column, ...]
+    columns: tuple[TableColumn, ...]
 
 
-_STEP: Final = Column("step", "int", "number of the step, from 0")
-_SECONDS: Final = Column("seconds", "float", "simulated time, s")
-_ROBOT: Final = Column("robot", "text", "id of the robot")
-_PROCESS: Final = Column("process", "text", "its process: `r2`, after the first restart `r2.1`")
+_STEP: Final = TableColumn("step", "int", "number of the step, from 0")
+_SECONDS: Final = TableColumn("seconds", "float", "simulated time, s")
+_ROBOT: Final = TableColumn("robot", "text", "id of the robot")
+_PROCESS: Final = TableColumn("process", "text", "its process: `r2`, after the first restart `r2.1`")
 
 
-def _pose(kind: str) -> tuple[Column, ...]:
+def _pose(kind: str) -> tuple[TableColumn, ...]:
     return (
-        Column("x", "float", f"{kind} x, m, map frame"),
-        Column("y", "float", f"{kind} y, m, map frame"),
-        Column("heading", "float", f"{kind} heading, rad, counter-clockwise from x"),
+        TableColumn("x", "float", f"{kind} x, m, map frame"),
+        TableColumn("y", "float", f"{kind} y, m, map frame"),
+        TableColumn("heading", "float", f"{kind} heading, rad, counter-clockwise from x"),
     )
 
 
@@ -55,12 +55,12 @@ TABLES: Final = (
         "the ground truth of one robot at the start of one step",
         (
             _STEP, _SECONDS, _ROBOT, *_pose("true"),
-            Column("vx", "float", "true velocity in x, m/s, map frame"),
-            Column("vy", "float", "true velocity in y, m/s, map frame"),
-            Column("omega", "float", "true turn rate, rad/s"),
-            Column("stepping", "bool", "false: its process is frozen or has exited"),
-            Column("powered", "bool", "false: its transceiver is off"),
-            Column("charge", "float", "share of the battery's capacity left; null: not simulated"),
+            TableColumn("vx", "float", "true velocity in x, m/s, map frame"),
+            TableColumn("vy", "float", "true velocity in y, m/s, map frame"),
+            TableColumn("omega", "float", "true turn rate, rad/s"),
+            TableColumn("stepping", "bool", "false: its process is frozen or has exited"),
+            TableColumn("powered", "bool", "false: its transceiver is off"),
+            TableColumn("charge", "float", "share of the battery's capacity left; null: not simulated"),
         ),
     ),
     ExportTable(
@@ -68,11 +68,11 @@ TABLES: Final = (
         "the ground truth of one person at the start of one step; no rows without people",
         (
             _STEP, _SECONDS,
-            Column("person", "int", "number of the person, from 1"),
-            Column("x", "float", "true x, m, map frame"),
-            Column("y", "float", "true y, m, map frame"),
-            Column("vx", "float", "true velocity in x, m/s, map frame"),
-            Column("vy", "float", "true velocity in y, m/s, map frame"),
+            TableColumn("person", "int", "number of the person, from 1"),
+            TableColumn("x", "float", "true x, m, map frame"),
+            TableColumn("y", "float", "true y, m, map frame"),
+            TableColumn("vx", "float", "true velocity in x, m/s, map frame"),
+            TableColumn("vy", "float", "true velocity in y, m/s, map frame"),
         ),
     ),
     ExportTable(
@@ -80,12 +80,12 @@ TABLES: Final = (
         "the pose estimate of one robot at the start of one step that it executed",
         (
             _STEP, _SECONDS, _ROBOT, _PROCESS, *_pose("estimated"),
-            Column("located", "bool", "false: it stands until localised after a start"),
-            Column("var_x", "float", "estimated variance of x, m²"),
-            Column("var_y", "float", "estimated variance of y, m²"),
-            Column("var_heading", "float", "estimated variance of the heading, rad²"),
-            Column("lost", "float", "estimated probability of being lost"),
-            Column("error", "float", "localisation error: distance to the true position, m"),
+            TableColumn("located", "bool", "false: it stands until localised after a start"),
+            TableColumn("var_x", "float", "estimated variance of x, m²"),
+            TableColumn("var_y", "float", "estimated variance of y, m²"),
+            TableColumn("var_heading", "float", "estimated variance of the heading, rad²"),
+            TableColumn("lost", "float", "estimated probability of being lost"),
+            TableColumn("error", "float", "localisation error: distance to the true position, m"),
         ),
     ),
     ExportTable(
@@ -93,27 +93,27 @@ TABLES: Final = (
         "a new goal of navigation, or a change of its status or phase",
         (
             _STEP, _SECONDS, _ROBOT, _PROCESS,
-            Column("x", "float", "x of the goal, m, map frame; null: the goal was removed"),
-            Column("y", "float", "y of the goal, m, map frame; null: the goal was removed"),
-            Column("status", "text", "`active`, `succeeded` or `aborted`; null without a goal"),
-            Column("reason", "text", "reason of the abort; null otherwise"),
-            Column("phase", "text", "phase of navigation while the goal is active; null otherwise"),
+            TableColumn("x", "float", "x of the goal, m, map frame; null: the goal was removed"),
+            TableColumn("y", "float", "y of the goal, m, map frame; null: the goal was removed"),
+            TableColumn("status", "text", "`active`, `succeeded` or `aborted`; null without a goal"),
+            TableColumn("reason", "text", "reason of the abort; null otherwise"),
+            TableColumn("phase", "text", "phase of navigation while the goal is active; null otherwise"),
         ),
     ),
     ExportTable(
         "frames",
         "a frame at one other robot, or a frame that was not sent",
         (
-            Column("frame", "int", "number of the frame, from 0, by its end"),
-            Column("sender", "text", "id of the sending robot"),
-            Column("tag", "int", "the sender's number of the frame"),
-            Column("handed", "float", "when the transceiver was given the frame, simulated s"),
-            Column("seconds", "float", "when the frame ended or was dropped, simulated s"),
-            Column("size", "int", "payload, bytes; MAC header and checksum add 9"),
-            Column("fate", "text", "`sent`, `access_failure` or `overflow`"),
-            Column("receiver", "text", "another robot whose transceiver was on; null: not sent"),
-            Column("copy", "text", "`heard`, or the reason of the loss at the receiver; null: not sent"),
-            Column("strength", "float", "received strength, dBm; -inf: too weak to track; null: not sent"),
+            TableColumn("frame", "int", "number of the frame, from 0, by its end"),
+            TableColumn("sender", "text", "id of the sending robot"),
+            TableColumn("tag", "int", "the sender's number of the frame"),
+            TableColumn("handed", "float", "when the transceiver was given the frame, simulated s"),
+            TableColumn("seconds", "float", "when the frame ended or was dropped, simulated s"),
+            TableColumn("size", "int", "payload, bytes; MAC header and checksum add 9"),
+            TableColumn("fate", "text", "`sent`, `access_failure` or `overflow`"),
+            TableColumn("receiver", "text", "another robot whose transceiver was on; null: not sent"),
+            TableColumn("copy", "text", "`heard`, or the reason of the loss at the receiver; null: not sent"),
+            TableColumn("strength", "float", "received strength, dBm; -inf: too weak to track; null: not sent"),
         ),
     ),
     ExportTable(
@@ -121,17 +121,17 @@ TABLES: Final = (
         "a field of a component's knowledge that changed",
         (
             _STEP, _SECONDS, _ROBOT, _PROCESS,
-            Column("component", "text", "id of the component"),
-            Column("change", "int", "number of the change within `process`, from 0; one for all its fields"),
-            Column(
+            TableColumn("component", "text", "id of the component"),
+            TableColumn("change", "int", "number of the change within `process`, from 0; one for all its fields"),
+            TableColumn(
                 "by", "text",
                 "component process, such as `CleaningRobot.sense`, "
                 "or exchange, such as `DestinationAdoption.at_member`",
             ),
-            Column("adaptation", "bool", "true for an ensemble, and for a process of the adaptation layer"),
-            Column("field", "text", "such as `destination.owner`; in a mapping, `bids[r2]`"),
-            Column("before", "text", "previous value, JSON"),
-            Column("after", "text", "new value, JSON"),
+            TableColumn("adaptation", "bool", "true for an ensemble, and for a process of the adaptation layer"),
+            TableColumn("field", "text", "such as `destination.owner`; in a mapping, `bids[r2]`"),
+            TableColumn("before", "text", "previous value, JSON"),
+            TableColumn("after", "text", "new value, JSON"),
         ),
     ),
     ExportTable(
@@ -139,17 +139,17 @@ TABLES: Final = (
         "an exchange of an ensemble that changed a component's knowledge",
         (
             _STEP, _SECONDS, _ROBOT, _PROCESS,
-            Column("component", "text", "id of the changed component"),
-            Column("change", "int", "as in `knowledge`, which lists the fields"),
-            Column("ensemble", "text", "the exchange, as in `by` of `knowledge`"),
-            Column("peer", "text", "id of the component whose replica was used"),
-            Column("epoch", "int", "restarts of the peer's node; null: the peer is on the same node"),
-            Column("publication", "int", "number of the publication in that epoch; null as for `epoch`"),
-            Column("heard", "float", "when it was received, simulated s; null as for `epoch`"),
-            Column("age", "float", "age of the replica when used, s; null as for `epoch`"),
-            Column("hops", "int", "number of relays; null as for `epoch`"),
-            Column("rssi", "float", "received strength of its last frame, dBm; null as for `epoch`"),
-            Column("via", "text", "robot that sent this frame; null as for `epoch`"),
+            TableColumn("component", "text", "id of the changed component"),
+            TableColumn("change", "int", "as in `knowledge`, which lists the fields"),
+            TableColumn("ensemble", "text", "the exchange, as in `by` of `knowledge`"),
+            TableColumn("peer", "text", "id of the component whose replica was used"),
+            TableColumn("epoch", "int", "restarts of the peer's node; null: the peer is on the same node"),
+            TableColumn("publication", "int", "number of the publication in that epoch; null as for `epoch`"),
+            TableColumn("heard", "float", "when it was received, simulated s; null as for `epoch`"),
+            TableColumn("age", "float", "age of the replica when used, s; null as for `epoch`"),
+            TableColumn("hops", "int", "number of relays; null as for `epoch`"),
+            TableColumn("rssi", "float", "received strength of its last frame, dBm; null as for `epoch`"),
+            TableColumn("via", "text", "robot that sent this frame; null as for `epoch`"),
         ),
     ),
     ExportTable(
@@ -157,14 +157,14 @@ TABLES: Final = (
         "a decision of a robot's adaptation",
         (
             _STEP, _SECONDS, _ROBOT, _PROCESS,
-            Column("change", "int", "as in `knowledge`"),
-            Column("by", "text", "component process or exchange that decided"),
-            Column("words", "text", "description of the decision"),
-            Column("source", "text", "id of the component whose knowledge it used"),
-            Column("old_x", "float", "x of the previous goal, m, map frame; null: none"),
-            Column("old_y", "float", "y of the previous goal, m, map frame; null: none"),
-            Column("new_x", "float", "x of the new goal, m, map frame; null: none"),
-            Column("new_y", "float", "y of the new goal, m, map frame; null: none"),
+            TableColumn("change", "int", "as in `knowledge`"),
+            TableColumn("by", "text", "component process or exchange that decided"),
+            TableColumn("words", "text", "description of the decision"),
+            TableColumn("source", "text", "id of the component whose knowledge it used"),
+            TableColumn("old_x", "float", "x of the previous goal, m, map frame; null: none"),
+            TableColumn("old_y", "float", "y of the previous goal, m, map frame; null: none"),
+            TableColumn("new_x", "float", "x of the new goal, m, map frame; null: none"),
+            TableColumn("new_y", "float", "y of the new goal, m, map frame; null: none"),
         ),
     ),
     ExportTable(
@@ -172,9 +172,9 @@ TABLES: Final = (
         "a value returned by the `outcome()` of one robot's behaviour; none for a run that was cut off",
         (
             _ROBOT,
-            Column("name", "text", "name of the value, such as `waited_s`; in a dict, `tokens.taken`"),
-            Column("number", "float", "the value, true as 1; null: a text"),
-            Column("text", "text", "the value; null: a number or boolean"),
+            TableColumn("name", "text", "name of the value, such as `waited_s`; in a dict, `tokens.taken`"),
+            TableColumn("number", "float", "the value, true as 1; null: a text"),
+            TableColumn("text", "text", "the value; null: a number or boolean"),
         ),
     ),
 )  # fmt: skip
@@ -187,7 +187,7 @@ _KINDS: Final[dict[str, Kind]] = {"text": "text", "integer": "int", "number": "f
 def tables_of(task: TaskDeclaration) -> tuple[ExportTable, ...]:
     """Return the schemas of all tables of a run: TABLES, and the task's items."""
     columns = tuple(
-        Column(one.exported or one.name, _KINDS.get(one.type, "text"), one.description)
+        TableColumn(one.exported or one.name, _KINDS.get(one.type, "text"), one.description)
         for one in task.columns
     )
     return *TABLES, ExportTable(items_name(task), f"one {task.item} and its outcome", columns)

@@ -8,6 +8,7 @@ Source: as the auction of the cleaning robots (`cleaning.strategies.auction`: CB
 Settings: `AuctionParameters`.
 """
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Annotated, NamedTuple, Self
@@ -184,7 +185,7 @@ class BiddingCarrierRobot(ThresholdRobot, OrderBidder):
         p, costs = self.parameters, dict[int, float]()
         for charger in range(len(self.chargers)):
             rivals = self.rivals(charger)
-            wait = sum(p.change + self._charging_time(one.charge) for one in rivals)
+            wait = math.fsum(p.change + self._charging_time(one.charge) for one in rivals)
             costs[charger] = FAR if rivals and not self.orders else wait * TYPICAL_SPEED
         return costs
 
