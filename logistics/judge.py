@@ -313,7 +313,7 @@ def _values(orders: Collection[OrderState], robots: Iterable[RobotState], end: i
     return {
         "orders_delivered": sum(int(one.delivered is not None) for one in orders),
         "orders_late": sum(int(one > 0) for one in late),
-        "lateness_s": round(sum(map(int, late)) / 1e6, 3),
+        "lateness_s": round(sum(int(one) for one in late) / 1e6, 3),
         "charging_s": round(sum(int(one.charging_us) for one in states) / 1e6, 3),
         "queueing_s": round(sum(int(one.queueing_us) for one in states) / 1e6, 3),
         "reports_refused": sum(int(one.refused) for one in states),
