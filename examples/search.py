@@ -173,6 +173,7 @@ class Search(task.Task):
 
     declaration = task.TaskDeclaration(
         name="search", table="search", item="target", items="targets", done="found", lists_items=False,
+        has_initial_work=False,
         metrics=(
             task.Metric("found", "targets found", "targets", "found", rank=1, worst=0.0, total="targets"),
             task.Metric("search", "time to find all", "s", "search_s", "less", "all found", rank=2),

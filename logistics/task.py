@@ -28,6 +28,7 @@ class Logistics(Task):
         item="order",
         items="orders",
         done="delivered",
+        has_initial_work=False,
         metrics=(
             Metric(
                 *("delivered", "orders delivered", "orders", "orders_delivered"),

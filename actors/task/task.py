@@ -118,6 +118,8 @@ class TaskDeclaration(msgspec.Struct, frozen=True):
     """Columns of the printed result, by title: names of `TaskOutcome.robots` values, joined by "of"."""
     baseline: str = ""
     """Strategy of scenarios that name none, and for comparison; empty: scenarios must name one."""
+    has_initial_work: bool = True
+    """Items given at the start are to be done; False: they describe the problem, such as stations."""
     lists_items: bool = True
     """Robots report the items that they plan to do (`Decision.route`); a robot without any is done."""
 

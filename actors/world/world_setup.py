@@ -61,6 +61,12 @@ class WorldSetup(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """People on the floor; absent: none."""
 
     @property
+    def initial_work(self) -> int:
+        """Number of items given at the start that are to be done."""
+        is_work = self.task.declaration.has_initial_work
+        return sum(len(robot.items) for robot in self.robots) if is_work else 0
+
+    @property
     def has_people(self) -> bool:
         """True if people walk about the floor."""
         return self.people is not msgspec.UNSET

@@ -85,7 +85,7 @@ def run(scenario: Scenario, options: RunOptions, launcher: Launcher | None = Non
     make_folder(plan.out)
     plan.folder(LABORATORY).mkdir()
     plan.write_scenario()
-    items, task = sum(len(robot.items) for robot in plan.world.robots), plan.world.task.declaration
+    items, task = plan.world.initial_work, plan.world.task.declaration
     with progress.show_progress(plan.world.duration_us, items, task, quiet=options.json) as follow:
         _run_processes(plan, simulated, launcher or create_launcher(options.spawn, reap=False), follow)
     folders = [plan.folder(robot.id) for robot in plan.world.robots]

@@ -257,7 +257,7 @@ def run(scenario: Scenario, options: RunOptions, launcher: Launcher | None = Non
         prepared = plan(scenario, options, None if pool is None else pool.isolation_fault)
         for sentence in (prepared.warning, *(() if options.json else prepared.warnings)):
             print_warning(sentence)
-        items = sum(len(robot.items) for robot in prepared.world.robots)
+        items = prepared.world.initial_work
         given = (timed.order for timed in prepared.world.events)
         items += sum(len(order.items) for order in given if isinstance(order, ItemAssignment))
         words = prepared.world.task.declaration

@@ -55,8 +55,9 @@ def draw_scenario(found: ScenarioSurvey) -> Figure:
             axes.plot(mark.x, mark.y, marker="X", ms=8.0, mfc="w", mec=colour, mew=1.3, zorder=5)
         elif mark.state in symbols:
             marks.plot(axes, symbols[mark.state], mark.x, mark.y, colour, size=4.6 if few else 2.6)
-    count, words = sum(len(body.items) for body in world.robots), world.task.declaration
-    _set_title(axes, f"{found.name}: {len(world.robots)} robots, {count} {words.items}, seed {world.seed}")
+    count, words = world.initial_work, world.task.declaration
+    work = f"{count} {words.items}" if count else f"task {words.name}"
+    _set_title(axes, f"{found.name}: {len(world.robots)} robots, {work}, seed {world.seed}")
     states = {mark.state for mark in items}
     shown = [mark for state, mark in symbols.items() if state in states]
     _add_legend(figure, _legend(found, shown, few=few), 3)

@@ -419,8 +419,9 @@ def json_content(found: MapSurvey | RobotModel) -> dict[str, Any]:
 def _scenario_sentences(found: ScenarioSurvey) -> Sequence[str]:
     facts = _scenario_json(found)
     floor, count, words = facts["floor"], facts["robots"], found.resolved.world.task.declaration
+    work = f"{facts['items']} {words.items}" if facts["items"] else f"task {words.name}"
     lines = [
-        f"{count} robot{'s' * (count > 1)}, {facts['items']} {words.items}, "
+        f"{count} robot{'s' * (count > 1)}, {work}, "
         f"{facts['duration_s']:g} s at most, "
         f"strategy {facts['strategy']}, seed {facts['seed']}",
         f"floor: {floor['width_m']:.1f} m by {floor['depth_m']:.1f} m, of which a robot's centre can reach "
@@ -444,7 +445,7 @@ def _scenario_json(found: ScenarioSurvey) -> dict[str, Any]:
         "is": "scenario",
         "robots": len(world.robots),
         "task": found.resolved.scenario.task.use,
-        "items": sum(len(body.items) for body in world.robots),
+        "items": world.initial_work,
         "duration_s": world.duration_us / 1e6,
         "strategy": found.resolved.scenario.run.strategy,
         "seed": world.seed,
