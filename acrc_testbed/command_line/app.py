@@ -1,6 +1,5 @@
 """Root command `acrc`; the modules of most commands are imported when they are called."""
 
-import difflib
 import gc
 import io
 import os
@@ -17,6 +16,7 @@ from acrc_testbed.command_line import development, replay_commands, run, visuali
 from acrc_testbed.command_line.fleet import app as fleet
 from acrc_testbed.command_line.lists import app as listing
 from acrc_testbed.command_line.record import app as record
+from acrc_testbed.command_line.shared_options import suggestion
 from actors.console import create_console
 from actors.installation.usage import OptionError, missing_extra_named
 from actors.processes.signals import Interruption, signals_as_interrupts
@@ -148,9 +148,7 @@ def usage_error(error: typer.TyperException) -> str:
 def _command_error(error: typer.TyperException, command: str, context: Any) -> str:
     if named := re.match(r"No such command '(.*?)'\.", error.message):
         known = context.command.list_commands(context)
-        matches = difflib.get_close_matches(named[1], known, n=1)
-        hint = f"did you mean {matches[0]}?" if matches else f"choose from {', '.join(known)}"
-        return f"{named[1]}: unknown command of {command}; {hint}"
+        return f"{named[1]}: unknown command of {command}; {suggestion(named[1], known)}"
     if named := re.match(r"Got unexpected extra argument\(s\) \((.*)\)", error.message, re.DOTALL):
         usage = " ".join(context.get_usage().removeprefix("Usage: ").split())
         return f"{command.removeprefix('acrc ')}: unexpected argument {named[1]}; usage: {usage}"

@@ -1,11 +1,10 @@
 """Commands `acrc bench` (time and memory) and `acrc verify` (claims and reference data)."""
 
-import difflib
 import json as json_module
 import re
 import sys
 import tempfile
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from importlib import import_module
 from itertools import chain
@@ -16,7 +15,7 @@ import typer
 from rich.table import Table
 
 from acrc_testbed.command_line import shared_options
-from acrc_testbed.command_line.shared_options import Json, argument, flag, option
+from acrc_testbed.command_line.shared_options import Json, argument, flag, option, suggestion
 
 
 @dataclass(frozen=True)
@@ -105,6 +104,10 @@ def bench(
     json: Json = False,
 ) -> None:
     """Measure time and memory; without NAME, list benchmarks."""
+    arguments = locals()
+    options_set = {
+        key: value for key, value in arguments.items() if key not in {"name", "json"} and value is not None
+    }
     from actors.installation.usage import wrong_value
 
     if name is None:
@@ -113,13 +116,6 @@ def bench(
         return
     if name not in BENCHMARKS:
         raise wrong_value("NAME", name, f"one of {', '.join(BENCHMARKS)}")
-    options = {
-        "commit": commit, "robots": robots, "duration": duration, "repeat": repeat,
-        "seed": seed, "scenario": scenario, "out": out, "data": data,
-        "map_file": map_file, "bus": bus, "pairs": pairs, "write": write, "navigation": navigation,
-        "record": record,
-    }  # fmt: skip
-    options_set = {key: value for key, value in options.items() if value is not None}
     _check_accepted(
         options_set,
         {known: one.options for known, one in BENCHMARKS.items()},
@@ -135,7 +131,7 @@ _SPELLINGS: Final = {"map_file": "--map", "commit": "COMMIT"}
 
 
 def _check_accepted(
-    options_set: Iterable[str], accepted: Mapping[str, Sequence[str]], name: str, problem: str
+    options_set: Iterable[str], accepted: Mapping[str, Collection[str]], name: str, problem: str
 ) -> None:
     """Raise OptionError for an option that `accepted` lists for other names than `name`."""
     from actors.installation.usage import OptionError
@@ -249,12 +245,12 @@ def verify(
     raise typer.Exit(1 if any(result.holds is False for result in results) else 0)
 
 
-_COMPARISON_OPTIONS: Final = {
-    "radio": ("data", "runs"),
-    "localisation": ("from", "runs", "against"),
-    "navigation": ("from",),
+_COMPARISON_OPTIONS: Final[Mapping[str, Mapping[str, Any]]] = {
+    "radio": {"data": None, "runs": 10},
+    "localisation": {"from": None, "runs": 20, "against": None},
+    "navigation": {"from": None},
 }
-"""Options of each comparison; the first one is required."""
+"""Options of each comparison with their defaults, in the order of its arguments; the first is required."""
 
 
 def _compare_data(names: Sequence[str], options_set: dict[str, Any], *, json_output: bool) -> int:
@@ -264,23 +260,15 @@ def _compare_data(names: Sequence[str], options_set: dict[str, Any], *, json_out
     name = names[0] if len(names) == 1 else ""
     problem = f"not an option of {', '.join(names)}, but of" if names else "requires a claim:"
     _check_accepted(options_set, _COMPARISON_OPTIONS, name, problem)
-    if (required := _COMPARISON_OPTIONS[name][0]) not in options_set:
+    own = _COMPARISON_OPTIONS[name]
+    if (required := next(iter(own))) not in options_set:
         raise OptionError(f"--{next(iter(options_set))}: requires --{required}, the data to compare with")
-    if name == "radio":
-        from acrc_testbed.benchmarks.radio_comparison import check as radio
-
-        found = radio(options_set["data"], options_set.get("runs", 10))
-    elif name == "localisation":
-        from acrc_testbed.benchmarks.localisation_comparison import check as localisation
-
-        found = localisation(options_set["from"], options_set.get("runs", 20), options_set.get("against"))
-    else:
-        from acrc_testbed.benchmarks.navigation import check as navigation
-
-        found = navigation(options_set["from"])
+    module = name if name == "navigation" else f"{name}_comparison"
+    check = import_module(f"acrc_testbed.benchmarks.{module}").check
+    found = check(*{**own, **options_set}.values())
     if not json_output and found.holds is not None:
         found = found.with_line(f"{name}: {'holds' if found.holds else 'DOES NOT HOLD'}")
-    return found.report(json_output=json_output)
+    return int(found.report(json_output=json_output))
 
 
 def _claim_files(root: Path) -> dict[str, list[str]]:
@@ -298,9 +286,7 @@ def _chosen_claims(names: Sequence[str], known: Mapping[str, object]) -> list[st
 
     for name in names:
         if name not in known:
-            matches = difflib.get_close_matches(name, known, n=1)
-            hint = f"did you mean {matches[0]}?" if matches else f"choose from {', '.join(known)}"
-            raise OptionError(f"CLAIM: unknown claim {name}; {hint}")
+            raise OptionError(f"CLAIM: unknown claim {name}; {suggestion(name, known)}")
     return list(dict.fromkeys(names or known))
 
 

@@ -1,6 +1,6 @@
-"""Implementation of the commands campaign, compare, report, bundle, study plan and study freeze."""
+"""Implementation of the commands campaign, compare, study plan and study freeze."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from itertools import groupby
@@ -189,11 +189,9 @@ def _state(progress: campaigns.CampaignProgress) -> str:
     if not progress.left_s:
         return failed + decided
     checking = ", repeating some to check them" if progress.done == progress.total else ""
-    return f"{failed}{decided}{checking}, about {_span_text(progress.left_s)} left"
-
-
-def _span_text(seconds: float) -> str:
-    return f"{seconds:.0f} s" if seconds < 100 else f"{seconds / 60:.0f} min"
+    seconds = progress.left_s
+    left = f"{seconds:.0f} s" if seconds < 100 else f"{seconds / 60:.0f} min"
+    return f"{failed}{decided}{checking}, about {left} left"
 
 
 def freeze(study_file: Path, out: Path | None, *, until_decided: bool, json: bool) -> None:
@@ -218,31 +216,6 @@ def freeze(study_file: Path, out: Path | None, *, until_decided: bool, json: boo
         {"file": target, "commit": plan.commit, "sha256": plan.sha256},
         json=json,
     )
-
-
-def report(folders: Sequence[Path], out: Path | None, *, json: bool) -> None:
-    """Write the report to `out`, by default in the first folder."""
-    from acrc_testbed.experiments.report import report_page as reports  # draws with matplotlib
-
-    target = out or folders[0] / "report"
-    with out_folder.convert_write_errors(target):
-        page = reports.write(folders, out or regular_file.check_no_link(target))
-    answer([f"written to {page}, with pictures and tables"], {"page": page}, json=json)
-
-
-def bundle(folder: Path, out: Path | None, authors: Sequence[str], *, json: bool) -> None:
-    """Write the bundle to `out`, by default beside the campaign's folder."""
-    from acrc_testbed.experiments.report import campaign_bundle  # draws with matplotlib
-
-    target = out or folder.resolve().parent / f"{folder.resolve().name}.zip"
-    with out_folder.convert_write_errors(target):
-        has_software = campaign_bundle.make_bundle(folder, target, authors)
-    lines = [f"written to {target}; unpack it and run ./reproduce.sh to repeat the runs"]
-    if not has_software:
-        lines.append("the software is not included: it has uncommitted changes, or its commit is missing")
-    if not authors:
-        lines.append("CITATION.cff has no author; add --author NAME")
-    answer(lines, {"file": target, "has_software": has_software, "authors": authors}, json=json)
 
 
 def compare(folder: Path, metric: str | None, *, json_output: bool) -> None:
@@ -338,13 +311,6 @@ def _tables(comparisons: Sequence[Comparison]) -> Iterator[Table]:
 
 def _interval_text(interval: Interval, form: str) -> str:
     return f"{interval.value:{form}} [{interval.low:{form}}, {interval.high:{form}}]"
-
-
-def check_absent(reason: str, options: Mapping[str, object]) -> None:
-    """Raise OptionError if one of the options, by name, was given."""
-    for name, value in options.items():
-        if value is not None:
-            raise OptionError(f"{name}: {reason}")
 
 
 def plan(a12: float, power: float, correlation: float, comparisons: int, *, json: bool) -> None:

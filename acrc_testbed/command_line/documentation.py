@@ -80,15 +80,12 @@ def commands_page() -> str:
 def _section(words: str, command: Any) -> str:
     context = command.make_context(words, [], resilient_parsing=True)
     usage = " ".join(f"{words} {' '.join(command.collect_usage_pieces(context))}".split())
+    text = re.sub(r"[ \t]*\n[ \t]*", "\n", (command.help or "").partition("\f")[0].strip())
     level = "#" * min(4, len(words.split()) + 1)
-    parts = [f"{level} {words}", _escaped(_first_paragraphs(command)), f"```text\n{usage}\n```"]
+    parts = [f"{level} {words}", _escaped(text), f"```text\n{usage}\n```"]
     if rows := list(_rows(command, context)):
         parts.append("\n".join(["| | |", "|---|---|", *rows]))
     return "\n\n".join(part for part in parts if part)
-
-
-def _first_paragraphs(command: Any) -> str:
-    return re.sub(r"[ \t]*\n[ \t]*", "\n", (command.help or "").partition("\f")[0].strip())
 
 
 def _rows(command: Any, context: Any) -> Iterator[str]:

@@ -9,6 +9,7 @@ from rich.table import Table
 
 from acrc_testbed.command_line import shared_options
 from acrc_testbed.command_line.shared_options import (
+    CampaignFolder,
     Json,
     Modules,
     Robots,
@@ -16,10 +17,13 @@ from acrc_testbed.command_line.shared_options import (
     Trust,
     answer,
     argument,
+    check_absent,
     flag,
     option,
+    permission,
 )
 from acrc_testbed.explanation.time_spent import Cause, TimeSpent
+from actors.runtime import regular_file
 from actors.runtime.errors import printable
 
 
@@ -86,7 +90,6 @@ def campaign(
     from acrc_testbed.command_line import campaign_commands
     from acrc_testbed.experiments.campaign import CampaignOptions
     from acrc_testbed.experiments.trial_settings import StudyOptions
-    from actors.robot.behaviour.code_permit import permit_of
 
     study_options = StudyOptions(
         study=study,
@@ -101,7 +104,7 @@ def campaign(
         isolate=isolate,
     )
     options = CampaignOptions(jobs, check_every=check_every, on=on)
-    permit = permit_of(modules, trust=trust)
+    permit = permission(modules, trust=trust)
     campaign_commands.campaign(
         study_options, out, options, permit, plan=plan, until_decided=until_decided, json_output=json
     )
@@ -128,7 +131,7 @@ def causes(
 
 
 def compare(
-    folder: Annotated[Path, argument("DIR", "Folder of a campaign.", show_default=False)],
+    folder: CampaignFolder,
     metric: Annotated[
         str | None,
         option(
@@ -157,13 +160,17 @@ def report(
     json: Json = False,
 ) -> None:
     """Write an HTML report of runs, with its data."""
-    from acrc_testbed.command_line import campaign_commands
+    from acrc_testbed.experiments.report import report_page
+    from deploy.run import out_folder
 
-    campaign_commands.report(folders, out, json=json)
+    target = out or folders[0] / "report"
+    with out_folder.convert_write_errors(target):
+        page = report_page.write(folders, out or regular_file.check_no_link(target))
+    answer([f"written to {page}, with pictures and tables"], {"page": page}, json=json)
 
 
 def bundle(
-    folder: Annotated[Path, argument("DIR", "Folder of a campaign.", show_default=False)],
+    folder: CampaignFolder,
     out: Annotated[
         Path | None, option("FILE.zip", "Write the bundle to this file.  [default: DIR.zip]")
     ] = None,
@@ -171,9 +178,18 @@ def bundle(
     json: Json = False,
 ) -> None:
     """Pack a campaign so that others can check and repeat it."""
-    from acrc_testbed.command_line import campaign_commands
+    from acrc_testbed.experiments.report.campaign_bundle import make_bundle
+    from deploy.run import out_folder
 
-    campaign_commands.bundle(folder, out, tuple(author or ()), json=json)
+    target, authors = out or folder.resolve().parent / f"{folder.resolve().name}.zip", author or []
+    with out_folder.convert_write_errors(target):
+        has_software = make_bundle(folder, target, authors)
+    lines = [f"written to {target}; unpack it and run ./reproduce.sh to repeat the runs"]
+    if not has_software:
+        lines.append("the software is not included: it has uncommitted changes, or its commit is missing")
+    if not authors:
+        lines.append("CITATION.cff has no author; add --author NAME")
+    answer(lines, {"file": target, "has_software": has_software, "authors": authors}, json=json)
 
 
 def plan(
@@ -204,13 +220,13 @@ def plan(
     from acrc_testbed.command_line import campaign_commands
 
     if pilot is not None:
-        campaign_commands.check_absent(
+        check_absent(
             "cannot be combined with --pilot",
             {"--a12": a12, "--correlation": correlation, "--comparisons": comparisons},
         )
         campaign_commands.plan_from_pilot(pilot, metric, power, difference, json=json)
     else:
-        campaign_commands.check_absent("needs --pilot", {"--metric": metric, "--difference": difference})
+        check_absent("needs --pilot", {"--metric": metric, "--difference": difference})
         effect = 0.71 if a12 is None else a12
         campaign_commands.plan(effect, power, correlation or 0.0, comparisons or 1, json=json)
 

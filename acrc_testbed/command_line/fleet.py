@@ -21,6 +21,7 @@ from acrc_testbed.command_line.shared_options import (
     argument,
     isolation,
     option,
+    permission,
 )
 from actors.console import create_console
 from actors.installation.repository import clone
@@ -49,10 +50,9 @@ def collect(
 ) -> None:
     """Collect recordings of a field trial and align their clocks."""
     from acrc_testbed.results.summary import print_result
-    from actors.robot.behaviour.code_permit import permit_of
     from deploy.fleet import collect as recordings
 
-    permit_of(modules)
+    permission(modules)
     print_result(recordings.collect(folders, out, truth), json=json)
 
 
@@ -65,10 +65,9 @@ def watch(
     modules: Modules = None,
 ) -> None:
     """Watch robots from a laptop until Ctrl-C."""
-    from actors.robot.behaviour.code_permit import permit_of
     from deploy.fleet import operator_station
 
-    permit_of(modules)
+    permission(modules)
     with contextlib.suppress(Interruption):
         if view is None:
             operator_station.watch(endpoints, keys)
@@ -80,9 +79,14 @@ def watch(
 def _show_robots(endpoints: list[str], keys: Path, fleet: Path) -> None:
     """Show robots in the viewer."""
     from deploy.fleet import fleet_view
+
+    fleet_view.show(endpoints, keys, _load(fleet))
+
+
+def _load(fleet: Path) -> "Fleet":
     from deploy.fleet.fleet_file import load_fleet
 
-    fleet_view.show(endpoints, keys, load_fleet(fleet))
+    return load_fleet(fleet)
 
 
 def stop(endpoints: Endpoints, keys: OperatorKeys, json: Json = False) -> None:
@@ -155,14 +159,12 @@ def onboard(
 ) -> None:
     """Run a robot: drive the connected TurtleBot and radio board."""
     from actors.processes.kernel_compilation import compile_kernels
-    from actors.robot.behaviour.code_permit import permit_of
     from deploy.fleet import onboard_run
-    from deploy.fleet.fleet_file import load_fleet
     from deploy.run import out_folder
 
     console = create_console(stderr=True)
-    named = permit_of(modules).modules
-    loaded = load_fleet(fleet)
+    named = permission(modules).modules
+    loaded = _load(fleet)
     folder = out_folder.checked_path(out, mesh=True) if out else onboard_run.new_folder(Path("runs"))
     options = onboard_run.OnboardOptions(folder, isolate, debugpy, at, named)
     with out_folder.remove_if_empty(folder):
@@ -187,14 +189,12 @@ def bundle(
     The archive contains wheels, program, map, fleet file and the robot's keys; only you can read it. Fleet
     file, map and keys are checked as by `acrc fleet doctor`.
     """
-    from actors.robot.behaviour.code_permit import permit_of
     from deploy.fleet import robot_bundle
-    from deploy.fleet.fleet_file import load_fleet
 
-    root, permit = clone("fleet bundle"), permit_of(modules)
+    root, permit = clone("fleet bundle"), permission(modules)
     archive = robot_bundle.write_bundle(
         root,
-        load_fleet(fleet),
+        _load(fleet),
         robot,
         permit,
         machine=machine,
@@ -231,13 +231,11 @@ def units(
     clone and of the fleet file, the rules contain the serial numbers of the devices. Nothing is installed;
     the installation commands are printed.
     """
-    from actors.robot.behaviour.code_permit import permit_of
     from deploy.fleet import units as unit_files
-    from deploy.fleet.fleet_file import load_fleet
     from deploy.fleet.units import usb_ports
 
-    root, permit = clone("fleet units"), permit_of(modules)
-    loaded = load_fleet(fleet)
+    root, permit = clone("fleet units"), permission(modules)
+    loaded = _load(fleet)
     identity = loaded.robot_named(robot)
     files = unit_files.write_units(
         loaded,
@@ -289,12 +287,10 @@ def keys(
     laptop can then watch and stop robots. A robot's certificate is valid for its id, its id with .local, its
     listening address, and the hosts of --host.
     """
-    from actors.robot.behaviour.code_permit import permit_of
     from deploy.fleet import keys as fleet_keys
-    from deploy.fleet.fleet_file import load_fleet
 
-    permit_of(modules)
-    loaded = load_fleet(fleet)
+    permission(modules)
+    loaded = _load(fleet)
     hosts = fleet_keys.parse_hosts(host or [], loaded)
     folder, now = (out or Path(loaded.keys)).absolute(), datetime.now(UTC)
     if not revoke:
@@ -321,10 +317,9 @@ def doctor(
     With a fleet file and a robot, check also the robot's ports, map and keys. Nothing is changed, except that
     numeric kernels are compiled. The exit code is 1 if a check fails.
     """
-    from actors.robot.behaviour.code_permit import permit_of
     from deploy.fleet.doctor import check_computer
 
-    if not check_computer(fleet, robot, permit_of(modules), json=json):
+    if not check_computer(fleet, robot, permission(modules), json=json):
         raise typer.Exit(1)
 
 

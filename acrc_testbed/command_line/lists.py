@@ -31,12 +31,9 @@ def strategies(json: Json = False) -> None:
 
     with contextlib.redirect_stdout(sys.stderr):  # imported modules may print
         rows = [_strategy_row(one) for one in known()]
-    columns = {
-        "name": [row["name"] for row in rows],
-        "from": [row["source"] for row in rows],
-        "summary and entry": [f"{row['error'] or row['summary']}\n{row['entry']}" for row in rows],
-    }
-    _print_rows(rows, columns, json=json)
+    shown = [{**row, "text": row["error"] or row["summary"]} for row in rows]
+    columns = {"name": "{name}", "from": "{source}", "summary and entry": "{text}\n{entry}"}
+    _print_rows(rows, columns, shown, json=json)
 
 
 @app.command()
@@ -52,11 +49,7 @@ def presets(json: Json = False) -> None:
         odometry,
         *_preset_rows("navigation", actors / "robot" / "navigation" / "navigator.py", "NAVIGATION_PRESETS"),
     ]
-    columns = {
-        "table": [f"[{row['table']}]" for row in rows],
-        "preset": [row["name"] for row in rows],
-        "summary": [row["summary"] for row in rows],
-    }
+    columns = {"table": "[{table}]", "preset": "{name}", "summary": "{summary}"}
     _print_rows(rows, columns, json=json)
 
 
@@ -64,13 +57,9 @@ def presets(json: Json = False) -> None:
 def models(json: Json = False) -> None:
     """List shipped robot models and their range sensors."""
     rows = [_model_row(path) for path in sorted((REPOSITORY / "actors" / "models").glob("*.toml"))]
-    columns = {
-        "model": [row["name"] for row in rows],
-        "drive": [row["drive"] for row in rows],
-        "sensors": ["\n".join(map(_sensor_text, row["sensors"])) for row in rows],
-        "summary": [row["summary"] for row in rows],
-    }
-    _print_rows(rows, columns, json=json)
+    shown = [{**row, "sensors": "\n".join(map(_sensor_text, row["sensors"]))} for row in rows]
+    columns = {"model": "{name}", "drive": "{drive}", "sensors": "{sensors}", "summary": "{summary}"}
+    _print_rows(rows, columns, shown, json=json)
 
 
 @app.command()
@@ -80,8 +69,7 @@ def scenarios(json: Json = False) -> None:
         {"name": path.stem, "path": os.path.relpath(path), "summary": head_comment(path.read_text("utf-8"))}
         for path in sorted((SHIPPED / "scenarios").glob("*.toml"))
     ]
-    columns = {"scenario": [row["path"] for row in rows], "summary": [row["summary"] for row in rows]}
-    _print_rows(rows, columns, json=json)
+    _print_rows(rows, {"scenario": "{path}", "summary": "{summary}"}, json=json)
 
 
 @app.command()
@@ -89,21 +77,23 @@ def maps(json: Json = False) -> None:
     """List shipped floor plans and their sizes."""
     rows = [_map_row(path) for path in sorted((SHIPPED / "maps").glob("*.yaml"))]
     columns = {
-        "map": [row["path"] for row in rows],
-        "west to east": [f"{row['width']:.2f} m" for row in rows],
-        "south to north": [f"{row['depth']:.2f} m" for row in rows],
-        "cell": [f"{row['resolution']:g} m" for row in rows],
+        "map": "{path}",
+        "west to east": "{width:.2f} m",
+        "south to north": "{depth:.2f} m",
+        "cell": "{resolution:g} m",
     }
     _print_rows(rows, columns, json=json)
 
 
-def _print_rows(rows: Sequence[Row], columns: Mapping[str, Sequence[str]], *, json: bool) -> None:
-    """Print all rows as JSON, or a table of `columns` (cells by title)."""
+def _print_rows(
+    rows: Sequence[Row], columns: Mapping[str, str], shown: Sequence[Row] = (), *, json: bool
+) -> None:
+    """Print all rows as JSON, or a table of `columns` (format of a cell by title); `shown`: its rows."""
     from rich.table import Table
 
     table = Table(*columns, box=None, pad_edge=False)
-    for cells in zip(*columns.values(), strict=True):
-        table.add_row(*cells)
+    for row in shown or rows:
+        table.add_row(*(cell.format_map(row) for cell in columns.values()))
     answer([table], rows, json=json)
 
 

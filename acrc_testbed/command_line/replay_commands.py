@@ -11,12 +11,15 @@ from acrc_testbed.command_line import shared_options
 from acrc_testbed.command_line.shared_options import (
     Json,
     Modules,
+    RunFolder,
     Trust,
     answer,
     argument,
+    check_absent,
     flag,
     isolation,
     option,
+    permission,
 )
 from actors.console import create_console
 from actors.installation.usage import OptionError, wrong_value
@@ -27,7 +30,7 @@ if TYPE_CHECKING:
 
 
 def replay(
-    out: Annotated[Path, argument("OUT", "Folder of a run.")],
+    out: RunFolder,
     robot: Annotated[
         str | None,
         option("NAME", "Replay only this actor: r1, r1.1 (after a restart), world or radio."),
@@ -60,17 +63,14 @@ def replay(
 
     With --robot, one actor is replayed from its recorded inputs.
     """
-    from actors.robot.behaviour.code_permit import permit_of
 
     for_one_actor = {
         "--isolate": isolate, "--from": begin, "--to": end, "--pdb": pdb or None, "--debugpy": debugpy,
         "--strategy": strategy,
     }  # fmt: skip
-    permit = permit_of(modules, trust=trust)
+    permit = permission(modules, trust=trust)
     if robot is None:
-        for name, value in for_one_actor.items():
-            if value is not None:
-                raise OptionError(f"{name}: requires --robot")
+        check_absent("requires --robot", for_one_actor)
         _replay_all(out, permit, json=json)
         return
     debugged = pdb or debugpy is not None
@@ -162,7 +162,7 @@ def _replay_here(
 
 
 def explain(
-    out: Annotated[Path, argument("OUT", "Folder of a run.")],
+    out: RunFolder,
     who: Annotated[
         str, argument("ROBOT[@S]", "r2@157: the decision of r2 at 157 s; r2: a list of its decisions.")
     ],
@@ -177,11 +177,10 @@ def explain(
     The robot is replayed, in a sandbox if the system supports it.
     """
     from acrc_testbed.explanation import explainer as explanation
-    from actors.robot.behaviour.code_permit import permit_of
     from actors.runtime.errors import printable
     from actors.runtime.isolation.sandbox import choose_isolation, print_warning
 
-    permit = permit_of(modules, trust=trust)
+    permit = permission(modules, trust=trust)
     request, choice = explanation.parse_request(who), choose_isolation(None)
     print_warning(choice.warning)
     explainer = explanation.Explainer(out, request.robot, permit=permit, isolate=choice.isolate)

@@ -21,6 +21,7 @@ from acrc_testbed.command_line.shared_options import (
     flag,
     isolation,
     option,
+    permission,
 )
 from actors.console import create_console
 from actors.installation.usage import OptionError, command_line
@@ -151,9 +152,7 @@ def run(
     ] = False,
 ) -> None:
     """Run a swarm and print the result. Options override the scenario."""
-    from actors.robot.behaviour import code_permit
-
-    permit = code_permit.permit_of(modules, trust=trust)
+    permit = permission(modules, trust=trust)
     from deploy.hosts.address import dask_address
     from deploy.run.options import RunOptions, run_folder_name
     from deploy.run.start import prepare_run, start_run, with_claimed_folder
@@ -218,7 +217,12 @@ def run(
         summary.print_observer_messages(options.out)
     require_delivery(result.undelivered, result.not_delivered)
     if check:
-        _check_replay(options.out, options.modules)
+        from acrc_testbed.recordings.record_replay import recheck
+
+        report = recheck(options.out, options.modules)
+        create_console(stderr=True).print(
+            f"checked: {report.actors} actors replayed, all {report.outputs} messages equal"
+        )
 
 
 def _baseline_arguments(arguments: Iterable[str], out: Path | None, naive: str) -> Iterator[str]:
@@ -231,16 +235,6 @@ def _baseline_arguments(arguments: Iterable[str], out: Path | None, naive: str) 
     yield from ("--strategy", naive)
     if out is not None:
         yield from ("--out", f"{out}-none")
-
-
-def _check_replay(out: Path, modules: tuple[Path, ...]) -> None:
-    """Replay all actors of a run and report on standard error."""
-    from acrc_testbed.recordings.record_replay import recheck
-
-    report = recheck(out, modules)
-    create_console(stderr=True).print(
-        f"checked: {report.actors} actors replayed, all {report.outputs} messages equal"
-    )
 
 
 def branch(
@@ -265,10 +259,9 @@ def branch(
 
     Without a change the branch equals the run.
     """
-    from actors.robot.behaviour.code_permit import permit_of
     from deploy.run.branching import continue_run
 
-    permit = permit_of(modules, trust=trust)
+    permit = permission(modules, trust=trust)
     continue_run(place, strategy, setting or (), event or (), out, permit=permit, json=json)
 
 

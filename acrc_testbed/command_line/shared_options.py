@@ -1,8 +1,9 @@
 """Arguments and options shared by several commands, and their output."""
 
+import difflib
 import os
 import sys
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -12,6 +13,8 @@ from actors.installation.repository import SHIPPED
 
 if TYPE_CHECKING:
     from rich.table import Table
+
+    from actors.robot.behaviour.code_permit import Permit
 
 
 def scenarios(incomplete: str) -> list[str]:
@@ -91,12 +94,36 @@ Record = Annotated[
 Trust = Annotated[
     bool, flag("Run code that the file names even if it is elsewhere or has changed.", "--trust")
 ]
+RunFolder = Annotated[Path, argument("OUT", "Folder of a run.")]
+CampaignFolder = Annotated[Path, argument("DIR", "Folder of a campaign.", show_default=False)]
 Robots = Annotated[str | None, option("N", "Set the number of robots.")]
 Seed = Annotated[str | None, option("N", "Set the random seed; equal seeds give equal runs.")]
 Setting = Annotated[
     list[str] | None,
     option("KEY=VALUE", "Override a key of the scenario: deeco.publish=0.5. Repeatable.", "--set"),
 ]
+
+
+def permission(modules: Sequence[Path] | None, *, trust: bool = False) -> "Permit":
+    """Return the permission given by `--modules` and `--trust`. Raises OptionError."""
+    from actors.robot.behaviour.code_permit import permit_of  # loads numpy
+
+    return permit_of(modules, trust=trust)
+
+
+def suggestion(name: str, known: Collection[str]) -> str:
+    """Return the remedy for an unknown name: the most similar one, or all."""
+    matches = difflib.get_close_matches(name, known, n=1)
+    return f"did you mean {matches[0]}?" if matches else f"choose from {', '.join(known)}"
+
+
+def check_absent(reason: str, options: Mapping[str, object]) -> None:
+    """Raise OptionError if one of the options, by name, was given."""
+    from actors.installation.usage import OptionError
+
+    for name, value in options.items():
+        if value is not None:
+            raise OptionError(f"{name}: {reason}")
 
 
 def _encodable(value: Any) -> Any:

@@ -21,6 +21,7 @@ from acrc_testbed.command_line.shared_options import (
     argument,
     flag,
     option,
+    permission,
 )
 from actors.console import create_console
 from actors.installation.usage import OptionError, command_line, output_file
@@ -126,18 +127,16 @@ def view(
     if beside and (".html" in files or movie):
         raise OptionError("--beside: cannot be combined with --html or --movie")
     pages = list(files.values())
-    if beside and pages:
-        _print_files(out, _draw_side_by_side((out, *beside), pages), json=json)
-        return
+    folders = (out, *(beside or ()))
     if pages or movie or (json and save is None and screenshot is None):
-        drawn = _draw_page(out, pages, movie, speed) if pages or movie else []
+        drawn = _draw(folders, pages, movie, speed) if pages or movie else []
         _print_files(out, drawn, json=json)
         return
     if save is not None:
         output_file("--save", save, ".rrd")
     if screenshot is not None:
         output_file("--screenshot", screenshot, ".png")
-    _show_runs((out, *(beside or ())), robot or (), save=save, screenshot=screenshot, at=at)
+    _show_runs(folders, robot or (), save=save, screenshot=screenshot, at=at)
     if json:
         _print_files(out, [file for file in (save, screenshot) if file is not None], json=True)
 
@@ -199,21 +198,6 @@ def _show_runs(
         raise AcrcError(f"{folders[0]}: the view is incomplete, see above")
 
 
-def _draw_side_by_side(folders: Sequence[Path], pictures: Sequence[Path]) -> Sequence[Path]:
-    """Draw several runs side by side into each file; return the files."""
-    from acrc_testbed.picture import run_page
-    from acrc_testbed.run_model.simulated_runs import read_run
-    from deploy.run import out_folder
-
-    runs = [read_run(folder) for folder in folders]
-    for folder, run in zip(folders, runs, strict=True):
-        _warn_if_incomplete(folder, run)
-    for picture in pictures:
-        with out_folder.convert_write_errors(picture.parent):
-            run_page.write_several(runs, picture)
-    return pictures
-
-
 def _warn_if_incomplete(out: Path, run: "RunData") -> None:
     """Warn if a run is too short for statistics, or some of its recordings are elsewhere."""
     from acrc_testbed.results.seal import fetch_sentence, remote_recordings
@@ -225,8 +209,8 @@ def _warn_if_incomplete(out: Path, run: "RunData") -> None:
         sys.stderr.write(f"acrc: {out}: {sentence}\n")
 
 
-def _draw_page(out: Path, pages: Sequence[Path], movie: Path | None, speed: float) -> Sequence[Path]:
-    """Draw the run into each page and, if given, into `movie`; return the files."""
+def _draw(folders: Sequence[Path], pages: Sequence[Path], movie: Path | None, speed: float) -> Sequence[Path]:
+    """Draw a run, or several side by side, into each page and, if given, into `movie`; return the files."""
     from acrc_testbed.picture import run_html, run_movie, run_page
     from acrc_testbed.recordings.topics import partial_run_sentence
     from acrc_testbed.run_model.simulated_runs import read_run
@@ -234,13 +218,18 @@ def _draw_page(out: Path, pages: Sequence[Path], movie: Path | None, speed: floa
 
     if movie is not None:
         run_movie.check(movie)
-    run = read_run(out)
-    if run.result is None:
-        create_console(stderr=True).print(partial_run_sentence(out, run.end))
-    _warn_if_incomplete(out, run)
+    runs = [read_run(folder) for folder in folders]
+    run, *others = runs
+    if run.result is None and not others:
+        create_console(stderr=True).print(partial_run_sentence(folders[0], run.end))
+    for folder, one in zip(folders, runs, strict=True):
+        _warn_if_incomplete(folder, one)
     for page in pages:
         with out_folder.convert_write_errors(page.parent):
-            (run_html if page.suffix == ".html" else run_page).write(run, page)
+            if others:
+                run_page.write_several(runs, page)
+            else:
+                (run_html if page.suffix == ".html" else run_page).write(run, page)
     if movie is None:
         return pages
     with out_folder.convert_write_errors(movie.parent):
@@ -268,7 +257,7 @@ def scenario(
     to check its module and its settings.
     """
     from actors.floor import offices
-    from actors.robot.behaviour.code_permit import permit_of, permitted_folders
+    from actors.robot.behaviour.code_permit import permitted_folders
     from actors.robot_model import load_model
     from deploy.run.swarm import preflight_in_process
     from deploy.scenario import survey
@@ -283,7 +272,7 @@ def scenario(
             raise OptionError(f"{file}: not a scenario; cannot be combined with --robots, --seed and --set")
         _print_survey(survey.survey_map(file) if is_map else load_model(str(file)), png, json=json)
         return
-    permit = permit_of(modules, trust=trust)
+    permit = permission(modules, trust=trust)
     overrides = Overrides(robots, seed, settings=parse_settings(setting or ()))
     resolved = resolve(load_scenario(file, overrides))
     _print_survey(survey.survey(resolved), png, json=json)

@@ -19,7 +19,6 @@ from acrc_testbed.experiments.study import Study
 from acrc_testbed.experiments.trial_pool import Pool, trial_pool
 from acrc_testbed.experiments.trial_record import (
     NO_CODE,
-    CheckRecord,
     CodeFolders,
     TrialOutcome,
     TrialRecord,
@@ -135,19 +134,14 @@ class _Campaign:
         self._trials = deque(store.pending())
         self._checks = deque[PendingTrial]()
         self._total = sum(1 for _ in store.study.trials())
-        self._earlier = self._total - len(self._trials)
+        self._done = self._total - len(self._trials)
         self._failed = 0
-        self._ended = 0
         self._remaining_time = RemainingTime()
-        self._add_earlier_trials()
         self._stopped_early = False
-
-    def _add_earlier_trials(self) -> None:
-        """Add failures and durations of the trials of earlier calls."""
-        for trial in self._store.study.trials():
-            if not self._store.path(trial).exists():
+        for trial in store.study.trials():
+            if not store.path(trial).exists():
                 continue
-            result = self._store.record(trial).result
+            result = store.record(trial).result
             if result is None:
                 self._failed += 1
             else:
@@ -194,7 +188,7 @@ class _Campaign:
         if check:
             write_json(store.check_path(trial), compare_repetition(store.record(trial), record))
             return
-        self._ended += 1
+        self._done += 1
         self._failed += record.failure is not None
         write_json(store.path(trial), record)
 
@@ -203,12 +197,11 @@ class _Campaign:
         now = time.monotonic()
         running = [(pending, now - began) for pending, began in self._running.values()]
         left_s = self._remaining_time.remaining_s(waiting, running, self._pool.slots)
-        return CampaignProgress(
-            self._earlier + self._ended, self._failed, self._total, left_s, self._stopped_early
-        )
+        return CampaignProgress(self._done, self._failed, self._total, left_s, self._stopped_early)
 
 
-Row = dict[str, bool | int | float | str | None]
+Scalar = bool | int | float | str | None
+Row = dict[str, Scalar]
 _NOT_METRICS: Final = frozenset({"digest", "seed", "out", "bus", "isolation", "task_summary"})
 """Scalar fields of a result that have a column of their own or do not describe the outcome."""
 _NOT_TABULATED: Final = frozenset({"per_robot", "frames_by_robot", "origin", "processor", "declaration"})
@@ -240,26 +233,27 @@ def write_tables(store: Store) -> tuple[Path, Path]:
 def columns(store: Store) -> dict[str, list[object]]:
     """Return the results by column, each of one type. Raises AcrcError for a damaged record."""
     table = list(rows(store))
-    return {name: _uniform_column(row.get(name) for row in table) for name in _column_names(table)}
+    names = dict.fromkeys(name for row in table for name in row)
+    return {name: _uniform_column(row.get(name) for row in table) for name in names}
 
 
 def rows(store: Store) -> Iterator[Row]:
     """Yield a row for each ended trial; dotted column names are fields of nested structures."""
-    checks = {_trial_key(check): check for check in store.checks()}
-    commit, scenario, tuning = store.commit, store.study.scenario, store.study.tuning
-    for record in store.records():
+    commit, study = store.commit, store.study
+    for trial in (one for one in study.trials() if store.path(one).exists()):
+        record = store.record(trial)
         result = record.result
         origin = result.origin if result is not None else None
         row: Row = {
-            "scenario": scenario,
+            "scenario": study.scenario,
             "strategy": record.strategy,
             "settings": _json(origin.settings) if origin is not None else None,
             "navigation.preset": origin.navigation if origin is not None else None,
             "seed": record.seed,
-            "tuning": tuning,
+            "tuning": study.tuning,
             **{f"vary.{key}": _cell(value) for key, value in record.variant.items()},
             "drawn": _json(record.drawn),
-            "command": command(store.study, record),
+            "command": command(study, record),
             "failure": record.failure,
             "commit": commit,
             "versions": _json(origin.versions) if origin is not None else None,
@@ -270,7 +264,14 @@ def rows(store: Store) -> Iterator[Row]:
         row |= {
             f"outcome.{name}": mean for name, mean in outcome_means(result.outcome if result else {}).items()
         }
-        yield row | _check_cells(checks.get(_trial_key(record)))
+        if store.check_path(trial).exists():
+            check = store.check(trial)
+            row |= {
+                "zenoh.digest": check.over_zenoh or None,
+                "zenoh.real_time_factor": check.over_zenoh_speed,
+                "zenoh.failure": check.failure,
+            }
+        yield row
 
 
 def command(study: Study, record: TrialRecord) -> str:
@@ -287,24 +288,9 @@ def _metrics(result: Mapping[str, Any], prefix: str = "") -> Row:
     for name, value in result.items():
         if isinstance(value, Mapping) and name not in _NOT_TABULATED:
             metrics |= _metrics(value, "" if name == "task" else f"{prefix}{name}.")
-        elif isinstance(value, bool | int | float | str | None) and (prefix or name not in _NOT_METRICS):
+        elif isinstance(value, Scalar) and (prefix or name not in _NOT_METRICS):
             metrics[prefix + name] = value
     return metrics
-
-
-def _check_cells(check: CheckRecord | None) -> Row:
-    if check is None:
-        return {}
-    return {
-        "zenoh.digest": check.over_zenoh or None,
-        "zenoh.real_time_factor": check.over_zenoh_speed,
-        "zenoh.failure": check.failure,
-    }
-
-
-def _column_names(table: Iterable[Row]) -> list[str]:
-    """Return the columns of all rows, in order of first appearance."""
-    return list(dict.fromkeys(name for row in table for name in row))
 
 
 def _uniform_column(values: Iterable[object]) -> list[object]:
@@ -320,13 +306,9 @@ def _uniform_column(values: Iterable[object]) -> list[object]:
     return column
 
 
-def _cell(value: object) -> bool | int | float | str | None:
-    return value if isinstance(value, bool | int | float | str | None) else _json(value)
+def _cell(value: object) -> Scalar:
+    return value if isinstance(value, Scalar) else _json(value)
 
 
 def _json(value: object) -> str:
     return msgspec.json.encode(value, order="sorted").decode()
-
-
-def _trial_key(record: TrialRecord | CheckRecord) -> str:
-    return _json((record.strategy, record.seed, record.variant))

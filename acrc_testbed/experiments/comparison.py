@@ -8,7 +8,6 @@ from statistics import median
 from typing import Any, Final, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from acrc_testbed.experiments.metrics import (
     LEXICOGRAPHIC,
@@ -22,13 +21,14 @@ from acrc_testbed.experiments.metrics import (
 from acrc_testbed.experiments.paired_tests import (
     MIN_PAIRS,
     NO_TEST,
+    Floats,
     Interval,
     PairedTest,
     a12_interval,
     fewest_differing,
     mean_interval,
 )
-from acrc_testbed.experiments.study import Study, Variant
+from acrc_testbed.experiments.study import Study, Variant, variant_text
 from acrc_testbed.experiments.trial_record import TrialRecord, identical_seconds
 from actors.task.task import Metric
 
@@ -38,7 +38,6 @@ def horizon(runs: Sequence[Run]) -> float:
     return max((run.simulated_s for run in runs if run is not None), default=0.0)
 
 
-Floats = NDArray[np.float64]
 StrategyRuns = dict[str, dict[int, Run]]
 """By strategy and seed."""
 
@@ -56,7 +55,7 @@ class PairedSample(NamedTuple):
     @property
     def where(self) -> str:
         """Variant and cells as text; empty for a single variant."""
-        text = f" with {', '.join(f'{key} = {value}' for key, value in self.variant)}" if self.variant else ""
+        text = f" with {variant_text(self.variant)}" if self.variant else ""
         return f"{text} over {self.cells} cells" if self.cells > 1 else text
 
     @property
@@ -296,7 +295,7 @@ class IdenticalStart:
 
     one: str
     other: str
-    variant: tuple[tuple[str, Any], ...]
+    variant: Variant
     seconds: tuple[int, ...]
     """Whole seconds from the start with identical positions of all robots, by seed."""
     whole: tuple[int, ...]
@@ -315,31 +314,24 @@ class IdenticalStart:
 
 def identical_starts(records: Iterable[TrialRecord]) -> list[IdenticalStart]:
     """Return identical starts for each pair of strategies and variant; failed runs are left out."""
-    traces: dict[str, tuple[tuple[tuple[str, Any], ...], dict[str, dict[int, str]]]] = {}
+    traces: dict[str, tuple[Variant, dict[str, dict[int, str]]]] = {}
     for record in records:
         if record.trace:
             variant = tuple(record.variant.items())
             _, by_strategy = traces.setdefault(repr(variant), (variant, {}))
             by_strategy.setdefault(record.strategy, {})[record.seed] = record.trace
     return [
-        _identical_start(one, other, variant, mine, theirs)
+        IdenticalStart(
+            one,
+            other,
+            variant,
+            tuple(identical_seconds(mine[seed], theirs[seed]) for seed in seeds),
+            tuple(seed for seed in seeds if mine[seed] == theirs[seed]),
+        )
         for variant, strategies in traces.values()
         for (one, mine), (other, theirs) in combinations(strategies.items(), 2)
-        if mine.keys() & theirs.keys()
+        if (seeds := [seed for seed in mine if seed in theirs])
     ]
-
-
-def _identical_start(
-    one: str, other: str, variant: tuple[tuple[str, Any], ...], mine: dict[int, str], theirs: dict[int, str]
-) -> IdenticalStart:
-    seeds = [seed for seed in mine if seed in theirs]
-    return IdenticalStart(
-        one,
-        other,
-        variant,
-        tuple(identical_seconds(mine[seed], theirs[seed]) for seed in seeds),
-        tuple(seed for seed in seeds if mine[seed] == theirs[seed]),
-    )
 
 
 def identical_start_sentences(starts: Sequence[IdenticalStart]) -> list[str]:
@@ -377,7 +369,7 @@ def _summary_sentences(starts: Sequence[IdenticalStart]) -> Iterator[str]:
     whole = [start for start in starts if start.whole]
     if whole:
         most = max(whole, key=lambda start: len(start.whole))
-        where = ", ".join(f"{key} = {value}" for key, value in most.variant)
+        where = variant_text(most.variant)
         count = sum(len(start.whole) for start in whole)
         yield (
             f"    {count} of them until the end (messages may differ), in {len(whole)} variants;"

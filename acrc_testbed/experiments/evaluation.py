@@ -1,6 +1,7 @@
 """Results of a campaign: failures, verdicts, estimates, random effects of cells."""
 
 import math
+from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from operator import itemgetter
@@ -101,12 +102,13 @@ def _overall_estimate(
     metric = by_rank(study.metrics().values())[0]
     differences = _differences(one, other, runs, study, metric)
     cells = len(np.unique(differences.cells))
+    estimate = OverallEstimate(one, other, None, cells, metric.description, metric.unit)
     if cells < MIN_CELLS or len(differences.values) < MIN_PAIRS:
-        return OverallEstimate(one, other, None, cells, metric.description, metric.unit)
+        return estimate
     maps = list(dict.fromkeys(differences.maps.tolist()))
     without = {name: differences.mean(differences.maps != name) for name in maps} if len(maps) > 1 else {}
     fitted = fit(differences.values, differences.cells, differences.seeds)
-    return OverallEstimate(one, other, fitted, cells, metric.description, metric.unit, without)
+    return estimate._replace(fitted=fitted, without=without)
 
 
 def _differences(
@@ -215,10 +217,9 @@ def _summary_text(metric: Metric, runs: Sequence[RunResult]) -> str:
 
 def failure_sentences(records: Sequence[TrialRecord], study: Study) -> list[str]:
     """Return sentences on failed runs by strategy and how they count, and on failed metrics."""
-    runs: dict[str, int] = {}
+    runs = Counter(record.strategy for record in records)
     failed: dict[str, list[int]] = {}
     for record in records:
-        runs[record.strategy] = runs.get(record.strategy, 0) + 1
         if record.result is None:
             failed.setdefault(record.strategy, []).append(record.seed)
     metrics = study.metrics().values()
@@ -281,16 +282,15 @@ def family_sentences(verdicts: Sequence[PairVerdict], study: Study) -> list[str]
         return ["No comparison was declared, so nothing is tested; all estimates are exploratory."]
     if not verdicts:
         return []
-    if any(step.threshold is not None for one in verdicts for step in one.steps):
-        return [
-            f"Declared: {_count_text(len(verdicts), 'comparison')}, with interim looks; "
-            f"{_count_text(family_size(study), 'test')} share the error rate of 5 %."
-        ]
     steps = [step for one in verdicts for step in one.steps]
+    declared = f"Declared: {_count_text(len(verdicts), 'comparison')},"
+    if any(step.threshold is not None for step in steps):
+        tests = _count_text(family_size(study), "test")
+        return [f"{declared} with interim looks; {tests} share the error rate of 5 %."]
     testable = sum(step.tested for step in steps)
     excluded = len(steps) - testable
     return [
-        f"Declared: {_count_text(len(verdicts), 'comparison')}, {_count_text(len(steps), 'test')}; "
+        f"{declared} {_count_text(len(steps), 'test')}; "
         f"{testable} can be significant, at a family-wise error rate of 5 % (Holm)"
         + (f"; {excluded} cannot, because too few pairs differ." if excluded else ".")
     ]

@@ -48,7 +48,8 @@ def study_inputs(study: Study) -> StudyInputs:
     for text in _texts(tables):
         if Path(text).is_absolute():
             raise AcrcError(f"{scenario}: {text} is an absolute path; make it relative to the scenario")
-    named = list(dict.fromkeys([scenario, *_input_files(study)]))
+    read = (Path(os.path.realpath(path)) for path in _input_files(study))
+    named = list(dict.fromkeys([scenario, *read]))
     top = Path(os.path.commonpath([path.parent for path in named]))
     files = {path.relative_to(top).as_posix(): path for path in named}
     modules = study.modules and Path(os.path.relpath(os.path.realpath(study.modules), top)).as_posix()
@@ -68,15 +69,13 @@ def _texts(value: Any) -> Iterator[str]:
 
 def _input_files(study: Study) -> Iterator[Path]:
     for metric in study.metric:
-        for path in strategy_files(metric.use, Path(study.modules)):
-            yield Path(os.path.realpath(path))
+        yield from strategy_files(metric.use, Path(study.modules))
     for variant in study.variants():
         for strategy in study.strategies:
             draws = draw_settings(study, Trial(strategy, study.first_seed, variant))
             own = (*study.settings_of(variant), *draws.items())
             overrides = Overrides(strategy=strategy, settings=own)
-            for path in _scenario_files(load_scenario(Path(study.scenario), overrides), strategy):
-                yield Path(os.path.realpath(path))
+            yield from _scenario_files(load_scenario(Path(study.scenario), overrides), strategy)
 
 
 def _scenario_files(scenario: Scenario, strategy: str) -> Iterator[Path]:
@@ -88,10 +87,9 @@ def _scenario_files(scenario: Scenario, strategy: str) -> Iterator[Path]:
     for model in (scenario.robots.model, *(robot.model for robot in scenario.robot)):
         if model is not None and model.endswith(".toml"):
             yield Path(model)
-    if ":" in strategy and scenario.run.modules:
-        yield from strategy_files(strategy, Path(scenario.run.modules))
-    if ":" in scenario.task.use and scenario.run.modules:
-        yield from strategy_files(scenario.task.use, Path(scenario.run.modules))
+    for use in (strategy, scenario.task.use):
+        if ":" in use and scenario.run.modules:
+            yield from strategy_files(use, Path(scenario.run.modules))
 
 
 SUFFIX: Final = ".frozen.json"
@@ -172,12 +170,11 @@ def deviations(plan: FrozenPlan, study: Study) -> Iterator[str]:
 def changed_files(plan: FrozenPlan, study: Study) -> Iterator[str]:
     """Yield a sentence for each input file that differs from the plan. Raises AcrcError."""
     here, frozen = Counter(_file_hashes(study)), Counter(plan.files)
-    names = dict.fromkeys(name for name, _ in (*(frozen - here), *(here - frozen)))
-    for name in names:
-        before, now = ({found for of, found in some if of == name} for some in (frozen, here))
-        if not now:
+    now, before = ({name for name, _ in files} for files in (here, frozen))
+    for name in dict.fromkeys(name for name, _ in (*(frozen - here), *(here - frozen))):
+        if name not in now:
             yield f"{name} is no longer an input file"
-        elif not before:
+        elif name not in before:
             yield f"{name} is a new input file"
         else:
             yield f"the content of {name} was changed"

@@ -121,8 +121,8 @@ def chosen_metric(option: str, name: str | None, metrics: Mapping[str, Metric]) 
 
 def by_rank(metrics: Iterable[Metric]) -> tuple[Metric, ...]:
     """Return the metrics that decide a comparison, in order."""
-    ranked = [(one.rank, one) for one in metrics if one.rank is not None]
-    return tuple(one for _, one in sorted(ranked, key=lambda pair: pair[0]))
+    ranked = (one for one in metrics if one.rank is not None)
+    return tuple(sorted(ranked, key=lambda one: one.rank or 0))
 
 
 def value_of(metric: Metric, run: RunResult) -> float | None:

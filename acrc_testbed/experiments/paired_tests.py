@@ -1,6 +1,7 @@
 """Exact paired tests, effect sizes with intervals, sample sizes, and group-sequential tests."""
 
 import math
+from bisect import bisect_right
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
@@ -233,29 +234,29 @@ class AssumedEffect:
         return math.sqrt(2.0) * float(norm.ppf(self.a12))
 
 
-def pairs_needed(effect: AssumedEffect, seed: int = 1, max_pairs: int = _MAX_PAIRS) -> int:
+def pairs_needed(effect: AssumedEffect) -> int:
     """Return the least number of pairs at which the signed-rank test has the power, by simulation.
 
-    Raises ValueError for an invalid effect, or one that needs more than `max_pairs`.
+    Raises ValueError for an invalid effect, or one that needs more than 1000 pairs.
     """
     if not 0.0 < effect.a12 < 1.0 or effect.a12 == 0.5 or not -1.0 < effect.correlation < 1.0:
         raise ValueError("a12 must be between 0 and 1 and not 0.5, correlation between -1 and 1")
     low, high = 4, 8
-    while power(effect, high, seed) < effect.power:
-        if high == max_pairs:
-            raise ValueError(f"so small an effect needs more than {max_pairs} pairs of runs")
-        low, high = high, min(2 * high, max_pairs)
+    while power(effect, high) < effect.power:
+        if high == _MAX_PAIRS:
+            raise ValueError(f"so small an effect needs more than {_MAX_PAIRS} pairs of runs")
+        low, high = high, min(2 * high, _MAX_PAIRS)
     while high - low > 1:
         middle = (low + high) // 2
-        low, high = (low, middle) if power(effect, middle, seed) >= effect.power else (middle, high)
+        low, high = (low, middle) if power(effect, middle) >= effect.power else (middle, high)
     return high
 
 
-def power(effect: AssumedEffect, pairs: int, seed: int = 1) -> float:
+def power(effect: AssumedEffect, pairs: int) -> float:
     """Return the power of the signed-rank test, from 4000 simulated experiments."""
     critical = _critical(pairs, ALPHA / effect.tests)
     spread = math.sqrt(2.0 * (1.0 - effect.correlation))
-    drawn = np.random.default_rng(seed).normal(abs(effect.shift), spread, (_DRAWS, pairs))
+    drawn = np.random.default_rng(1).normal(abs(effect.shift), spread, (_DRAWS, pairs))
     statistic: Floats = (np.sign(drawn) * rankdata(np.abs(drawn), axis=1)).sum(axis=1)
     return float(np.mean(statistic >= critical))
 
@@ -269,13 +270,9 @@ def _critical(pairs: int, alpha: float) -> float:
         return float(norm.isf(alpha / 2)) * math.sqrt(pairs * (pairs + 1) * (2 * pairs + 1) / 6)
     ranks = np.arange(1, pairs + 1)
     total = int(ranks.sum())
-    low, high = 0, total // 2 + 1  # statistic = total - 2 * integer
-    while low < high:
-        middle = (low + high) // 2
-        low, high = (
-            (middle + 1, high) if 2 * tail_probability(ranks, total - 2 * middle) <= alpha else (low, middle)
-        )
-    return total - 2 * (low - 1) if low else math.inf
+    statistics = range(total, -1, -2)
+    found = bisect_right(statistics, alpha, key=lambda statistic: 2 * tail_probability(ranks, statistic))
+    return statistics[found - 1] if found else math.inf
 
 
 _GRID: Final = np.linspace(-8.0, 8.0, 3201)
@@ -308,22 +305,15 @@ def sequential_plan(looks: Sequence[int], alpha: float = 0.05) -> SequentialPlan
     for look in looks:
         part = look / looks[-1]
         due = 4.0 * float(norm.sf(norm.isf(alpha / 4.0) / math.sqrt(part)))  # both tails
-        here = _density_after(density, part - before, step)
+        here: Floats = norm.pdf(_GRID, scale=math.sqrt(part - before))
+        if density is not None:
+            here = np.asarray(np.convolve(density, here, mode="same") * step, np.float64)
         bound = _two_sided_bound(here, max(due - spent, 0.0), step)
         thresholds.append(2.0 * float(norm.sf(bound / math.sqrt(part))))
         here[np.abs(_GRID) >= bound] = 0.0  # stopped at this look
         density = here
         spent, before = due, part
     return SequentialPlan(tuple(looks), tuple(thresholds))
-
-
-def _density_after(density: Floats | None, elapsed: float, step: float) -> Floats:
-    """Return the density after a further time; `density` None: the motion starts at 0."""
-    spread: Floats = norm.pdf(_GRID, scale=math.sqrt(elapsed))
-    if density is None:
-        return spread
-    convolved: Floats = np.asarray(np.convolve(density, spread, mode="same") * step, np.float64)
-    return convolved
 
 
 def _two_sided_bound(density: Floats, probability: float, step: float) -> float:

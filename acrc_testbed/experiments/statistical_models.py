@@ -12,9 +12,8 @@ from scipy import stats
 from scipy.optimize import minimize
 from scipy.stats import t
 
-from acrc_testbed.experiments.paired_tests import CONFIDENCE, Interval, mean_interval
+from acrc_testbed.experiments.paired_tests import CONFIDENCE, Floats, Interval, mean_interval
 
-Floats = NDArray[np.float64]
 MIN_CELLS: Final = 3
 _MIN_SEEDS: Final = 3
 """Fewest seeds for estimating the variance between seeds."""
@@ -56,30 +55,40 @@ def fit(values: ArrayLike, cells: ArrayLike, seeds: ArrayLike) -> RandomEffectsF
     if count < MIN_CELLS:
         raise ValueError(f"{count} cells are too few; at least {MIN_CELLS} are needed")
     seed_names, of_seed = np.unique(seeds, return_inverse=True)
-    spread = float(known.std(ddof=1))
-    if len(known) == count or spread == 0.0:
-        error = spread / math.sqrt(len(known))
-        rest = None if len(known) == count else 0.0
-        between_seeds = 0.0 if spread == 0.0 and len(seed_names) >= _MIN_SEEDS else None
-        return _fit_from(
-            float(known.mean()), error, spread, between_seeds, rest, count, len(known), count - 1
-        )
     groups = [of_cell, of_seed] if len(seed_names) >= _MIN_SEEDS else [of_cell]
-    likelihood = _Likelihood(known, groups)
-    found = minimize(
-        likelihood,
-        [1.0] * len(groups),
-        method="Nelder-Mead",
-        bounds=[(0.0, _MAX_RATIO)] * len(groups),
-        options={"xatol": 1e-7, "fatol": 1e-10, "maxiter": 2000},
-    )
-    sizes = np.where(found.x < _NEGLIGIBLE_RATIO, 0.0, found.x)
-    mean, variance, weight = likelihood.at(sizes)[:3]
-    rest = math.sqrt(variance)
-    free = count - 1 if len(groups) == 1 or sizes[1] == 0.0 else min(count, len(seed_names)) - 1
-    seeds_differ = rest * float(sizes[1]) if len(groups) > 1 else None
-    error = rest / math.sqrt(weight)
-    return _fit_from(mean, error, rest * float(sizes[0]), seeds_differ, rest, count, len(known), free)
+    spread, free = float(known.std(ddof=1)), count - 1
+    rest: float | None = None
+    between_seeds: float | None = None
+    if len(known) == count or spread == 0.0:
+        mean, error, between_cells = float(known.mean()), spread / math.sqrt(len(known)), spread
+        if spread == 0.0:
+            rest = None if len(known) == count else 0.0
+            between_seeds = 0.0 if len(groups) > 1 else None
+    else:
+        likelihood = _Likelihood(known, groups)
+        found = minimize(
+            likelihood,
+            [1.0] * len(groups),
+            method="Nelder-Mead",
+            bounds=[(0.0, _MAX_RATIO)] * len(groups),
+            options={"xatol": 1e-7, "fatol": 1e-10, "maxiter": 2000},
+        )
+        sizes = np.where(found.x < _NEGLIGIBLE_RATIO, 0.0, found.x)
+        mean, variance, weight, _ = likelihood.at(sizes)
+        rest = math.sqrt(variance)
+        error, between_cells = rest / math.sqrt(weight), rest * float(sizes[0])
+        if len(groups) > 1:
+            between_seeds = rest * float(sizes[1])
+            free = count - 1 if sizes[1] == 0.0 else min(count, len(seed_names)) - 1
+    quantile = (1 + CONFIDENCE) / 2
+    half = float(t.ppf(quantile, free)) * error
+    of_one = 0.0 if rest is None else rest / math.sqrt(len(known) / count)
+    wide = float(t.ppf(quantile, count - 1)) * math.hypot(between_cells, of_one, error)
+    return RandomEffectsFit(
+        Interval(mean, mean - half, mean + half),
+        Interval(mean, mean - wide, mean + wide),
+        between_cells, between_seeds, rest, count, len(known),
+    )  # fmt: skip
 
 
 class _Likelihood:
@@ -114,30 +123,6 @@ class _Likelihood:
         return self._middle + mean, variance, weight, float(np.linalg.slogdet(inner)[1])
 
 
-def _fit_from(
-    mean: float,
-    error: float,
-    between_cells: float,
-    between_seeds: float | None,
-    rest: float | None,
-    cells: int,
-    values: int,
-    free: int,
-) -> RandomEffectsFit:
-    half = float(t.ppf((1 + CONFIDENCE) / 2, free)) * error
-    of_one = 0.0 if rest is None else rest / math.sqrt(values / cells)
-    wide = float(t.ppf((1 + CONFIDENCE) / 2, cells - 1)) * math.hypot(between_cells, of_one, error)
-    return RandomEffectsFit(
-        Interval(mean, mean - half, mean + half),
-        Interval(mean, mean - wide, mean + wide),
-        between_cells,
-        between_seeds,
-        rest,
-        cells,
-        values,
-    )
-
-
 class Completion(NamedTuple):
     """Completion time of a run, or its censoring time."""
 
@@ -168,10 +153,11 @@ def kaplan_meier(runs: Sequence[Completion]) -> SurvivalCurve:
 
     Kaplan and Meier, "Nonparametric estimation from incomplete observations", JASA 53, 1958.
     """
-    found = stats.ecdf(_censored(runs)).sf
-    if not any(run.done for run in runs):
-        none = np.zeros(0)
-        return SurvivalCurve(none, none, none, none)
+    done = [run.at for run in runs if run.done]
+    if not done:
+        return SurvivalCurve(*np.zeros((4, 0)))
+    censored = [run.at for run in runs if not run.done]
+    found = stats.ecdf(stats.CensoredData(uncensored=done, right=censored)).sf
     with warnings.catch_warnings():  # scipy warns at a share of 0, which has no interval
         warnings.simplefilter("ignore", RuntimeWarning)
         bounds = found.confidence_interval(method="log-log")
@@ -209,8 +195,3 @@ def _area(at: Floats, done: NDArray[np.bool_], horizon: float) -> float:
     shares = np.cumprod(1.0 - ended / left[::-1].cumsum()[::-1])
     widths = np.diff(np.minimum(np.concatenate([[0.0], times, [horizon]]), horizon))
     return float((np.concatenate([[1.0], shares]) * np.maximum(widths, 0.0)).sum())
-
-
-def _censored(runs: Sequence[Completion]) -> "stats.CensoredData":
-    done = [run.at for run in runs if run.done]
-    return stats.CensoredData(uncensored=done, right=[run.at for run in runs if not run.done])

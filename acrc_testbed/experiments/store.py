@@ -23,7 +23,6 @@ _INFO: Final = "campaign.json"
 _TRIALS: Final = "trials"
 _CHECKS: Final = "checks"
 _LOGS: Final = "logs"
-_LOOKS: Final = "looks.json"
 _PLAN: Final = "plan.json"
 _INITIAL_ENTRIES: Final = frozenset({_INFO, _TRIALS, _CHECKS, _LOGS, _PLAN, "campaign.new", "study.new"})
 """Entries of the folder of a campaign whose creation was interrupted."""
@@ -63,6 +62,10 @@ class Store:
         self.study = study
         self.study_file = folder / _STUDY
         self.info_file = folder / _INFO
+        self.plan_file = folder / _PLAN
+        """File of the frozen plan; may not exist."""
+        self.looks_file = folder / "looks.json"
+        """File that declares interim looks; may not exist."""
 
     def info(self) -> CampaignInfo:
         """Read the properties besides the study. Raises AcrcError for a damaged file."""
@@ -74,18 +77,13 @@ class Store:
 
     def unchecked_trials(self, every: int) -> list[PendingTrial]:
         """Return the first and every Nth trial of each strategy, if not repeated yet."""
-        by_strategy: dict[str, list[Trial]] = {}
-        for trial in self.study.trials():
-            by_strategy.setdefault(trial.strategy, []).append(trial)
         return [
             PendingTrial(trial, check=True)
-            for trials in by_strategy.values()
-            for trial in trials[::every]
-            if not self.check_path(trial).exists() and self._has_result(trial)
+            for strategy in self.study.strategies
+            for trial in [one for one in self.study.trials() if one.strategy == strategy][::every]
+            if self.path(trial).exists() and not self.check_path(trial).exists()
+            if self.record(trial).result is not None
         ]
-
-    def _has_result(self, trial: Trial) -> bool:
-        return self.path(trial).exists() and self.record(trial).result is not None
 
     def check_path(self, trial: Trial) -> Path:
         """Return the path of the record of a trial's repetition."""
@@ -119,19 +117,9 @@ class Store:
         return typed_json.read(path, InterimLooks, "looks at a campaign") if path.exists() else None
 
     @property
-    def looks_file(self) -> Path:
-        """File that declares interim looks."""
-        return self.folder / _LOOKS
-
-    @property
     def commit(self) -> str:
         """Commit of the testbed at the start of the campaign."""
         return self.info().commit
-
-    @property
-    def plan_file(self) -> Path:
-        """File of the frozen plan; may not exist."""
-        return self.folder / _PLAN
 
     @property
     def plan(self) -> FrozenPlan | None:
@@ -171,7 +159,8 @@ def create_store(folder: Path, study: Study) -> Store:
     Raises AcrcError if the folder has other content or another commit, SealError if its files were changed.
     """
     store, info = Store(folder, study), CampaignInfo(software_version())
-    if store.study_file.exists():
+    is_new = not store.study_file.exists()
+    if not is_new:
         before = typed_json.read(store.study_file, Study, "study of a campaign")
         if study.seeds < before.seeds:
             raise AcrcError(
@@ -190,25 +179,18 @@ def create_store(folder: Path, study: Study) -> Store:
             )
         check_seal(folder)
         (folder / SUMS).unlink(missing_ok=True)  # the sealed files are about to change
-        _create_subfolders(folder)
-        write_json(store.study_file, study)  # may have more seeds
-        return store
-    if folder.exists() and {path.name for path in folder.iterdir()} - _INITIAL_ENTRIES:
+    elif folder.exists() and {path.name for path in folder.iterdir()} - _INITIAL_ENTRIES:
         raise AcrcError(f"{folder}: contains files that are not a campaign; choose a new or empty folder")
     folder.mkdir(parents=True, exist_ok=True)
-    _create_subfolders(folder)
-    write_json(folder / _INFO, info)
-    write_json(store.study_file, study)
-    return store
-
-
-def _create_subfolders(folder: Path) -> None:
-    """Create missing subfolders. Raises AcrcError for a link instead."""
     for part in (_TRIALS, _CHECKS, _LOGS):
         try:
             regular_file.check_no_link(folder / part).mkdir(exist_ok=True)
         except OSError as error:
             raise AcrcError(f"{folder / part}: {error.strerror}") from None
+    if is_new:
+        write_json(store.info_file, info)
+    write_json(store.study_file, study)  # may have more seeds
+    return store
 
 
 def is_campaign(folder: Path) -> bool:
@@ -296,7 +278,6 @@ def _difference_sentence(check: CheckRecord) -> str:
 _MAX_FILES: Final = 3
 NO_FROZEN_PLAN: Final = "No plan was frozen before the first run."
 _FROZEN: Final = "Frozen before the first run,"
-_EXPLORATORY: Final = "All other comparisons are exploratory."
 
 
 def find_plan(plan_file: Path | None, study_file: Path | None) -> Path | None:
@@ -304,11 +285,11 @@ def find_plan(plan_file: Path | None, study_file: Path | None) -> Path | None:
 
     Raises AcrcError for a plan that was changed.
     """
-    beside = study_file.with_suffix(SUFFIX) if study_file is not None else None
-    path = plan_file or (beside if beside is not None and beside.exists() else None)
-    if path is not None:
-        frozen_plan.read_plan(path)
-    return path
+    if plan_file is None and study_file is not None and study_file.with_suffix(SUFFIX).exists():
+        plan_file = study_file.with_suffix(SUFFIX)
+    if plan_file is not None:
+        frozen_plan.read_plan(plan_file)
+    return plan_file
 
 
 def record_plan(store: Store, plan_file: Path | None, study_file: Path | None, *, looks: bool) -> list[str]:
@@ -353,7 +334,7 @@ def plan_sentences(store: Store) -> list[str]:
     return [
         f"{_FROZEN} {plan_text(plan)}",
         *(map(_deviation_sentence, all_deviations) if all_deviations else ["The campaign follows the plan."]),
-        _EXPLORATORY,
+        "All other comparisons are exploratory.",
     ]
 
 

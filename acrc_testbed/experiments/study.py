@@ -3,14 +3,12 @@
 import hashlib
 import itertools
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any, Final, Literal, NamedTuple
 
 import msgspec
-import numpy as np
 from msgspec import Meta
-from numpy.typing import NDArray
 
 from acrc_testbed.experiments.metrics import (
     LEXICOGRAPHIC,
@@ -40,6 +38,11 @@ Variant = tuple[tuple[str, Any], ...]
 """Key or name of each factor, and its value."""
 
 
+def variant_text(variant: Iterable[tuple[str, Any]]) -> str:
+    """Return keys and values as text."""
+    return ", ".join(f"{key} = {value}" for key, value in variant)
+
+
 class Factor(msgspec.Struct, frozen=True):
     """A key of the scenario and its values, or a name and its levels."""
 
@@ -57,7 +60,7 @@ class Distribution(msgspec.Struct, frozen=True):
     """A random condition drawn for each seed, equal for all strategies; see `trial_settings`."""
 
     kind: str
-    parameters: tuple[tuple[str, Any], ...]
+    parameters: Variant
     """Each a number or a range (from, to); for doors their points."""
 
 
@@ -114,7 +117,7 @@ class Study(CommonStudyFields, frozen=True, kw_only=True, forbid_unknown_fields=
     seeds: int
     tuning: bool = False
     """True: for choosing settings, with seeds that no test uses."""
-    settings: tuple[tuple[str, Any], ...] = ()
+    settings: Variant = ()
     """Overridden keys of the scenario."""
     factors: tuple[Factor, ...] = ()
     distributions: tuple[Distribution, ...] = ()
@@ -266,7 +269,10 @@ def draw_cells(factors: Sequence[RandomFactor], samples: int, seed: int) -> tupl
     cells: tuple[Variant, ...] = ()
     for _ in range(_CANDIDATES):
         points = sampler.random(samples)
-        drawn = [_cell(factors, row) for row in points]
+        drawn = [
+            tuple((one.key, one.level(share)) for one, share in zip(factors, row, strict=True))
+            for row in points.tolist()
+        ]
         found = tuple({repr(cell): cell for cell in drawn}.values())
         rank = (-len(found), round(float(qmc.discrepancy(points)), _DISCREPANCY_DIGITS))
         if best is None or rank < best:
@@ -277,10 +283,6 @@ def draw_cells(factors: Sequence[RandomFactor], samples: int, seed: int) -> tupl
             f"{combinations:g} combinations; use at most {len(cells)} samples or more levels"
         )
     return cells
-
-
-def _cell(factors: Sequence[RandomFactor], shares: NDArray[np.float64]) -> Variant:
-    return tuple((one.key, one.level(float(share))) for one, share in zip(factors, shares, strict=True))
 
 
 def _is_integer_range(between: tuple[float, float]) -> bool:
@@ -395,7 +397,7 @@ def load_study(path: Path, *, tuning: bool = False) -> Study:
                 )
     scenario = (path.parent / table.scenario).resolve()
     try:
-        factors = factors_of(table.vary, table.samples, FIRST_TUNING_SEED if tuning else FIRST_SEED)
+        factors = _factors(table.vary, table.samples, FIRST_TUNING_SEED if tuning else FIRST_SEED)
         task = task_declaration(scenario, tuple(table.set.items()))
         check_names(table.metric, task)
     except AcrcError as error:
@@ -410,12 +412,9 @@ def load_study(path: Path, *, tuning: bool = False) -> Study:
         seeds=table.tuning_seeds if tuning else table.seeds,
         tuning=tuning,
         settings=tuple(table.set.items()),
-        factors=factors.fixed,
-        distributions=factors.distributions,
-        random=factors.random,
-        cells=factors.cells,
         conditions=table.conditions,
         modules=str(path.parent.resolve()) if table.metric else "",
+        **factors,
         **shared,
     )
     if unknown := table.margins.keys() - study.metrics():
@@ -441,17 +440,8 @@ def _load_json(path: Path) -> Study:
     return msgspec.structs.replace(study, scenario=scenario, modules=modules)
 
 
-class StudyFactors(NamedTuple):
-    """Factors, cells and distributions of a study."""
-
-    fixed: tuple[Factor, ...]
-    random: tuple[Factor, ...]
-    cells: tuple[Variant, ...]
-    distributions: tuple[Distribution, ...]
-
-
-def factors_of(tables: Sequence[VaryTable], samples: int | None, seed: int) -> StudyFactors:
-    """Return factors and distributions of a study; draw its cells. Raises AcrcError."""
+def _factors(tables: Sequence[VaryTable], samples: int | None, seed: int) -> dict[str, Any]:
+    """Return fields of the study: factors, drawn cells and distributions. Raises AcrcError."""
     fixed: list[Factor] = []
     drawn: list[Factor] = []
     spans: list[RandomFactor] = []
@@ -478,10 +468,12 @@ def factors_of(tables: Sequence[VaryTable], samples: int | None, seed: int) -> S
             raise AcrcError(f"samples is {samples}, but no factor is random (among or between)")
         raise AcrcError("samples is missing; it is required for random factors (among or between)")
     cells = draw_cells(spans, samples, seed) if samples is not None else ()
-    distributions = tuple(_distribution(table) for table in tables if table.distribution is not None)
-    return StudyFactors(
-        tuple(fixed), tuple(_with_drawn_levels(one, cells) for one in drawn), cells, distributions
-    )
+    return {
+        "factors": tuple(fixed),
+        "random": tuple(_with_drawn_levels(one, cells) for one in drawn),
+        "cells": cells,
+        "distributions": tuple(_distribution(table) for table in tables if table.distribution is not None),
+    }
 
 
 def _factor(table: VaryTable, where: str) -> Factor:
@@ -525,7 +517,6 @@ def _with_drawn_levels(factor: Factor, cells: Sequence[Variant]) -> Factor:
 
 def _distribution(table: VaryTable) -> Distribution:
     assert table.distribution is not None
-    names = PARAMETERS[table.distribution]
-    parameters = [(name, getattr(table, name)) for name in names]
+    parameters = ((name, getattr(table, name)) for name in PARAMETERS[table.distribution])
     spans = ((name, (one, one) if isinstance(one, float) else one) for name, one in parameters)
     return Distribution(table.distribution, tuple(spans))

@@ -101,20 +101,16 @@ def _refused(why: str) -> TrialOutcome:
 def _with_local_paths(task: WorkerTask) -> TrialOrder:
     """Return the order with paths mapped to this clone."""
     order = msgspec.json.decode(task.order, type=TrialOrder)
-    (scenario,), modules, metric_modules, task_modules = (
-        tuple(_local_path(path, task.repository) for path in paths)
-        for paths in ((order.study.scenario,), order.modules, order.metric_modules, order.task_modules)
-    )
-    study = msgspec.structs.replace(order.study, scenario=scenario)
-    return msgspec.structs.replace(
-        order, study=study, modules=modules, metric_modules=metric_modules, task_modules=task_modules
-    )
 
+    def local(path: str) -> str:
+        if path and Path(path).is_relative_to(task.repository):
+            return str(REPOSITORY / Path(path).relative_to(task.repository))
+        return path
 
-def _local_path(path: str, repository: str) -> str:
-    if path and Path(path).is_relative_to(repository):
-        return str(REPOSITORY / Path(path).relative_to(repository))
-    return path
+    names = ("modules", "metric_modules", "task_modules")
+    folders = {name: tuple(map(local, getattr(order, name))) for name in names}
+    study = msgspec.structs.replace(order.study, scenario=local(order.study.scenario))
+    return msgspec.structs.replace(order, study=study, **folders)
 
 
 def validated_answer(answer: object) -> TrialOutcome:

@@ -11,6 +11,7 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # before numpy: runs are par
 import sys
 import traceback
 from collections.abc import Callable, Iterator, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -56,13 +57,12 @@ def main(argv: Sequence[str]) -> int:
 def run_trial_order(order: TrialOrder, out: Path) -> TrialRecord:
     """Run the trial in this process into the folder `out`; the record contains any failure."""
     set_task_folders([Path(one) for one in order.task_modules])
-    settings, fault = attempt(lambda: draw_settings(order.study, order.trial))
-    done: tuple[RunResult, TimeSpent, str] | None = None
-    if settings is not None:
-        drawn = settings
-        done, fault = attempt(lambda: _run(order, drawn, out))
-    result, time, seconds = done or (None, None, "")
     trial = order.trial
+    settings, fault = attempt(partial(draw_settings, order.study, trial))
+    result, time, seconds = None, None, ""
+    if settings is not None:
+        done, fault = attempt(partial(_run, order, settings, out))
+        result, time, seconds = done or (None, None, "")
     return TrialRecord(
         strategy=trial.strategy,
         seed=trial.seed,
@@ -88,19 +88,16 @@ def with_metrics(record: TrialRecord, order: TrialOrder, out: Path) -> Iterator[
     values: dict[str, float | None] = {}
     faults = {one.name: "the process of the trial exited while the metric was computed" for one in own}
     tables, unread = attempt(lambda: read_tables(out))
-    for number in range(len(own) + 1):
-        measured = msgspec.structs.replace(result, metrics=dict(values), metric_faults=dict(faults))
-        yield msgspec.structs.replace(record, result=measured)
-        for one in own[number : number + 1]:
-            value, fault = None, unread
-            if tables is not None:
-                known, table = tables, one
-                value, fault = attempt(lambda: compute(table, known))  # noqa: B023
+    for one in (None, *own):
+        if one is not None:
+            value, fault = (None, unread) if tables is None else attempt(partial(compute, one, tables))
             if fault is None:
                 values[one.name] = value
                 del faults[one.name]
             else:
                 faults[one.name] = fault
+        measured = msgspec.structs.replace(result, metrics=dict(values), metric_faults=dict(faults))
+        yield msgspec.structs.replace(record, result=measured)
 
 
 def attempt(work: Callable[[], T]) -> tuple[T | None, str | None]:

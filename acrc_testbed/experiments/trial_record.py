@@ -42,15 +42,7 @@ def pose_trace(out: Path) -> str:
 
 def identical_seconds(one: str, other: str) -> int:
     """Return the number of whole seconds in which two traces are identical from the start."""
-    pairs = zip(_seconds_of(one), _seconds_of(other), strict=False)
-    for number, (mine, theirs) in enumerate(pairs):
-        if mine != theirs:
-            return number
-    return min(len(one), len(other)) // DIGITS
-
-
-def _seconds_of(trace: str) -> list[str]:
-    return [trace[at_ : at_ + DIGITS] for at_ in range(0, len(trace), DIGITS)]
+    return len(os.path.commonprefix((one, other))) // DIGITS  # noqa: RUF071 (texts, not paths)
 
 
 _MAX_LENGTH: Final = 60

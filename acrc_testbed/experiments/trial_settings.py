@@ -56,8 +56,11 @@ def condition_settings(load: Callable[[Variant], Scenario], own: Variant) -> dic
         drawn["robots.odometry"] = _odometry_with_errors(scenario)
     if not scenario.radio.shadowing_db:
         drawn["radio.shadowing_db"] = SHADOWING_DB
+    # a key is set by itself or by a table that contains it
     settings = {
-        key: value for key, value in drawn.items() if not any(_is_covered(name, key) for name, _ in own)
+        key: value
+        for key, value in drawn.items()
+        if not any(f"{key}.".startswith(f"{name}.") for name, _ in own)
     }
     if settings.keys() & _drawn_items(scenario):
         redrawn = _drawn_items(scenario, has_areas=bool(load((*own, *settings.items())).area))
@@ -82,28 +85,18 @@ def common_conditions(scenario: Scenario) -> str | None:
     subject = (
         "all robots start" if starts == len(scenario.ids) else f"{starts} of {len(scenario.ids)} robots start"
     )
-    more = [
-        phrase
-        for phrase, is_so in (
-            (
-                f"the {scenario.table} are the same",
-                bool(_drawn_items(scenario))
-                or {robot.id for robot in scenario.robot if robot.items is not None} >= {*scenario.ids},
-            ),
-            ("odometry is exact", _odometry_kind(scenario) == "exact"),
-            ("the radio has no shadowing", not scenario.radio.shadowing_db),
-        )
-        if is_so
-    ]
+    fixed = [f"{subject} at the same positions"]
+    listed = {robot.id for robot in scenario.robot if robot.items is not None}
+    if _drawn_items(scenario) or listed >= {*scenario.ids}:
+        fixed.append(f"the {scenario.table} are the same")
+    if _odometry_kind(scenario) == "exact":
+        fixed.append("odometry is exact")
+    if not scenario.radio.shadowing_db:
+        fixed.append("the radio has no shadowing")
     return (
-        f"For every seed, {', '.join((f'{subject} at the same positions', *more))}, as fixed in the scenario"
+        f"For every seed, {', '.join(fixed)}, as fixed in the scenario"
         '; to draw them for each seed, write a study with conditions = "drawn" (docs/experiments.md)'
     )
-
-
-def _is_covered(named: str, key: str) -> bool:
-    """Return whether `named` is the key or a table that contains it."""
-    return key == named or key.startswith(named + ".")
 
 
 def _odometry_kind(scenario: Scenario) -> OdometryKind:
@@ -165,8 +158,7 @@ class _Sampler(NamedTuple):
 
     def draw_number(self, name: str, digits: int) -> float:
         """Draw uniformly from the parameter's range, and round."""
-        low, high = self.parameters[name]
-        return round(float(low + (high - low) * self.rng.random()), digits)
+        return round(self._draw(name), digits)
 
     def draw_count(self) -> int:
         """Draw a whole number from the range of "count", both ends included."""
@@ -175,8 +167,11 @@ class _Sampler(NamedTuple):
 
     def draw_instant(self, name: str) -> float:
         """Draw the boundary of a step, s."""
+        return round(round(self._draw(name) / _STEP_S) * _STEP_S, 1)
+
+    def _draw(self, name: str) -> float:
         low, high = self.parameters[name]
-        return round(round(float(low + (high - low) * self.rng.random()) / _STEP_S) * _STEP_S, 1)
+        return float(low + (high - low) * self.rng.random())
 
     def draw_indices(self, sequence: Sequence[Any]) -> list[int]:
         """Draw "count" indices of a sequence, or all if these are fewer."""
@@ -348,11 +343,13 @@ def make_study(options: StudyOptions) -> Study:
 
 def study_path(options: StudyOptions) -> Path | None:
     """Return the path of the study file; None: the study has no file."""
-    if options.preset is not None and options.preset not in PRESETS:
-        raise wrong_value("--preset", options.preset, f"one of {', '.join(PRESETS)}")
-    if options.preset is not None and options.study is not None:
-        raise OptionError("--preset: is a study; cannot be combined with a STUDY.toml")
-    path = PRESETS[options.preset] if options.preset is not None else options.study
+    path = options.study
+    if options.preset is not None:
+        if options.preset not in PRESETS:
+            raise wrong_value("--preset", options.preset, f"one of {', '.join(PRESETS)}")
+        if path is not None:
+            raise OptionError("--preset: is a study; cannot be combined with a STUDY.toml")
+        path = PRESETS[options.preset]
     if path is not None and (options.scenario is not None or options.strategies is not None):
         raise OptionError(
             "--scenario and --strategies: defined by the study; cannot be combined with a study or --preset"
@@ -381,8 +378,7 @@ def check_study(study: Study, permit: Permit, source: Path | None) -> tuple[list
         own_permit = permit if source is not None else replace(permit, typed=named)
         folders = permitted_folders(file, named, module_folders(scenario), own_permit)
         modules |= dict.fromkeys(folders)
-        alike = common_conditions(scenario)
-        warnings |= {alike: None} if alike else {}
+        warnings |= dict.fromkeys(filter(None, (common_conditions(scenario),)))
     return list(warnings), CodeFolders(tuple(modules), _metric_folders(study, permit, file), permit.modules)
 
 

@@ -96,24 +96,19 @@ def verdicts(found: Sequence[PairedSample], study: Study) -> list[PairVerdict]:
     raw = [metric_test(sample, metric) for sample in primary_samples(found, study) for metric in metrics]
     testable = decidable([one.test.differing for one in raw])
     adjusted = iter(holm([one.test.p for one, is_testable in zip(raw, testable, strict=True) if is_testable]))
-    steps = []
-    for one, is_testable in zip(raw, testable, strict=True):
-        p = next(adjusted) if is_testable else 1.0
-        steps.append(
-            replace(
-                one,
-                tests=sum(testable) + (not is_testable),
-                tested=is_testable,
-                adjusted=p,
-                differs=p <= ALPHA,
-                equivalent=one.equivalence_p <= ALPHA,
-            )
+    steps = [
+        replace(
+            one,
+            tests=sum(testable) + (not is_testable),
+            tested=is_testable,
+            adjusted=(p := next(adjusted) if is_testable else 1.0),
+            differs=p <= ALPHA,
+            equivalent=one.equivalence_p <= ALPHA,
         )
-    count = len(metrics)
-    return [
-        PairVerdict(steps[first].sample, tuple(steps[first : first + count]))
-        for first in range(0, len(steps), count)
+        for one, is_testable in zip(raw, testable, strict=True)
     ]
+    by_sample = zip(*[iter(steps)] * len(metrics), strict=True)
+    return [PairVerdict(of_sample[0].sample, of_sample) for of_sample in by_sample]
 
 
 def metric_test(sample: PairedSample, metric: Metric) -> Comparison:
@@ -140,12 +135,9 @@ def power_warnings(study: Study, least: int = MIN_PAIRS) -> list[str]:
             "No comparison is declared, so acrc compare will only estimate and not test; "
             "to test, declare primary = [[ONE, OTHER]] in a study"
         ]
-    pairs = planned_pairs(study)
-    return (
-        []
-        if pairs >= least
-        else [f"acrc compare will have too little data: {too_few_pairs_sentence(pairs, least)}"]
-    )
+    if (pairs := planned_pairs(study)) >= least:
+        return []
+    return [f"acrc compare will have too little data: {too_few_pairs_sentence(pairs, least)}"]
 
 
 _FIRST_LOOK: Final = 10
@@ -332,11 +324,11 @@ def power_estimates(found: Sequence[PairedSample], study: Study, power: float) -
     """
     declared = primary_samples(found, study)
     for pairs in _SIZES:
-        estimate = PowerEstimate(
-            pairs,
-            simulated_power(declared, study, pairs, np.random.default_rng(1), cautious=False),
-            simulated_power(declared, study, pairs, np.random.default_rng(1), cautious=True),
+        shares, cautious = (
+            simulated_power(declared, study, pairs, np.random.default_rng(1), cautious=one)
+            for one in (False, True)
         )
+        estimate = PowerEstimate(pairs, shares, cautious)
         yield estimate
         if min(*estimate.shares, *estimate.cautious) >= power:
             return

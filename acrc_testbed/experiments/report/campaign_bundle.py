@@ -7,7 +7,6 @@ import json
 import subprocess
 import zipfile
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from string import Template
 from typing import Final
@@ -15,10 +14,10 @@ from typing import Final
 import msgspec
 
 from acrc_testbed.experiments.evaluation import evaluate
-from acrc_testbed.experiments.frozen_plan import SUFFIX, FrozenPlan, study_inputs
+from acrc_testbed.experiments.frozen_plan import SUFFIX, study_inputs
 from acrc_testbed.experiments.report import report_page
 from acrc_testbed.experiments.store import Store, load_store
-from acrc_testbed.experiments.study import Study
+from acrc_testbed.experiments.study import variant_text
 from acrc_testbed.experiments.trial_record import TrialRecord
 from acrc_testbed.results.seal import SUMS, checksum_lines
 from actors.installation.repository import IS_CLONE, REPOSITORY, SHIPPED
@@ -97,66 +96,43 @@ $strategies,your_module:your_strategy`.
 """)
 
 
-@dataclass(frozen=True)
-class BundleContent:
-    """Facts about a campaign for README and citation."""
-
-    study: Study
-    scenario: str
-    """Path of the scenario below inputs/."""
-    commit: str
-    has_software: bool
-    records: Sequence[TrialRecord]
-    results: Sequence[str]
-    """Results, a sentence each."""
-    authors: Sequence[str]
-    plan: FrozenPlan | None = None
-
-
-def readme(content: BundleContent) -> str:
-    """Return README.md."""
-    study = content.study
-    results = [record.result for record in content.records if record.result is not None]
+def readme(store: Store, records: Sequence[TrialRecord], scenario: str, *, has_software: bool) -> str:
+    """Return README.md; `scenario`: path of the scenario below inputs/."""
+    study, plan = store.study, store.plan
+    results = [record.result for record in records if record.result is not None]
+    seconds = sum(one.cpu_s for one in results)
+    sentences = evaluate(store).sentences() or ["There is only one strategy, so nothing was compared."]
     versions = dict(pair for one in results for pair in one.origin.versions.items())
     names = ", ".join(f"`{name}`" for name in study.strategies)
+    count = len(study.variants())
+    conditions = "one condition" if count == 1 else f"{count} conditions"
     return _README.substitute(
         name=study.name,
-        plan=_UNPLANNED
-        if content.plan is None
-        else _PLANNED.substitute(commit=content.plan.commit, sha256=content.plan.sha256),
-        abstract=f"{names}, each with the same {study.seeds} seeds in {_conditions(study)}.",
-        commit=content.commit,
-        software=_SOFTWARE_INCLUDED if content.has_software else _SOFTWARE_MISSING,
+        plan=_UNPLANNED if plan is None else _PLANNED.substitute(commit=plan.commit, sha256=plan.sha256),
+        abstract=f"{names}, each with the same {study.seeds} seeds in {conditions}.",
+        commit=store.commit,
+        software=_SOFTWARE_INCLUDED if has_software else _SOFTWARE_MISSING,
         versions=", ".join(f"{name} {version}" for name, version in versions.items()) or "unknown versions",
-        runs=len(content.records),
-        failed=len(content.records) - len(results),
-        span=_span_text(sum(one.cpu_s for one in results)),
-        found="\n\n".join(content.results),
-        scenario=content.scenario,
+        runs=len(records),
+        failed=len(records) - len(results),
+        span=f"{seconds:.0f} s" if seconds < 300 else f"{seconds / 60:.0f} min",
+        found="\n\n".join(sentences),
+        scenario=scenario,
         strategies=",".join(study.strategies),
     )
 
 
-def _span_text(seconds: float) -> str:
-    return f"{seconds:.0f} s" if seconds < 300 else f"{seconds / 60:.0f} min"
-
-
-def _conditions(study: Study) -> str:
-    count = len(study.variants())
-    return "one condition" if count == 1 else f"{count} conditions"
-
-
-def citation(content: BundleContent) -> str:
+def citation(store: Store, names: Sequence[str]) -> str:
     """Return CITATION.cff (Citation File Format 1.2.0); JSON strings are valid YAML."""
-    title = f"Results of the study {content.study.name} with the ACRC testbed"
-    authors = "".join(f"  - name: {json.dumps(name)}\n" for name in content.authors)
+    title = f"Results of the study {store.study.name} with the ACRC testbed"
+    authors = "".join(f"  - name: {json.dumps(name)}\n" for name in names)
     return (
         "cff-version: 1.2.0\n"
         "type: dataset\n"
         "message: If you use these results, please cite them as below.\n"
         f"title: {json.dumps(title)}\n"
         f"authors:\n{authors}"
-        f"commit: {json.dumps(content.commit)}\n"
+        f"commit: {json.dumps(store.commit)}\n"
         "references:\n"
         "  - type: book\n"
         f"    title: {json.dumps(CHAPTER)}\n"
@@ -182,8 +158,10 @@ def make_bundle(folder: Path, out: Path, authors: Sequence[str] = ()) -> bool:
     if not records:
         raise AcrcError(f"{folder}: no run has ended, so there are no results to bundle")
     inputs = study_inputs(store.study)
-    commit = store.info().commit
-    software = _software(commit)
+    commit = store.commit
+    software = None
+    if not commit.endswith("+"):
+        software = _git_output("archive", "--format=zip", commit)
     study, results_study = (
         msgspec.structs.replace(
             store.study,
@@ -192,41 +170,26 @@ def make_bundle(folder: Path, out: Path, authors: Sequence[str] = ()) -> bool:
         )
         for top in (f"{_INPUTS}/", f"../{_INPUTS}/")
     )
-    content = BundleContent(
-        study=study,
-        scenario=inputs.scenario,
-        commit=commit,
-        has_software=software is not None,
-        records=records,
-        results=_result_sentences(store),
-        authors=authors or [UNNAMED],
-        plan=store.plan,
-    )
     files = {
-        "README.md": readme(content).encode(),
-        "CITATION.cff": citation(content).encode(),
+        "README.md": readme(store, records, inputs.scenario, has_software=software is not None).encode(),
+        "CITATION.cff": citation(store, authors or [UNNAMED]).encode(),
         "study.json": typed_json.dump(study),
         "results/study.json": msgspec.json.encode(results_study),
         "digests.csv": _digest_table(records),
         "constraints.txt": (SHIPPED / "constraints.txt").read_bytes(),
         **{name: (_HERE / name).read_bytes() for name in ("reproduce.sh", "check_digests.py")},
         **{f"{_INPUTS}/{name}": regular_file.read_bytes(path) for name, path in inputs.files.items()},
-        **dict(_plan_files(store)),
         **dict(_result_files(store)),
         **dict(_report_files(folder)),
     }
+    if store.plan is not None:
+        files[f"study{SUFFIX}"] = regular_file.read_bytes(store.plan_file)  # where `acrc campaign` finds it
     if software is not None:
         files["software.zip"] = software
-        pins = _git_output(commit, "show", f"{commit}:constraints.txt")
+        pins = _git_output("show", f"{commit}:constraints.txt")
         files["constraints.txt"] = pins or files["constraints.txt"]
     write_archive(out, folder.resolve().name, files)
     return software is not None
-
-
-def _plan_files(store: Store) -> Iterator[tuple[str, bytes]]:
-    """Yield the frozen plan beside the study, where `acrc campaign` finds it."""
-    if store.plan is not None:
-        yield f"study{SUFFIX}", regular_file.read_bytes(store.plan_file)
 
 
 def _result_files(store: Store) -> Iterator[tuple[str, bytes]]:
@@ -247,27 +210,18 @@ def _report_files(folder: Path) -> Iterator[tuple[str, bytes]]:
             yield f"report/{path.name}", path.read_bytes()
 
 
-def _result_sentences(store: Store) -> list[str]:
-    return evaluate(store).sentences() or ["There is only one strategy, so nothing was compared."]
-
-
 def _digest_table(records: Sequence[TrialRecord]) -> bytes:
     into = io.StringIO()
     writer = csv.writer(into, lineterminator="\n")
     writer.writerow(("strategy", "seed", "variant", "digest"))
     for record in records:
-        variant = ", ".join(f"{key} = {value}" for key, value in record.variant.items())
         digest = record.result.digest if record.result is not None else "failed"
-        writer.writerow((record.strategy, record.seed, variant, digest))
+        writer.writerow((record.strategy, record.seed, variant_text(record.variant.items()), digest))
     return into.getvalue().encode()
 
 
-def _software(commit: str) -> bytes | None:
-    """Return the sources of the commit as a ZIP file; None if not available."""
-    return None if commit.endswith("+") else _git_output(commit, "archive", "--format=zip", commit)
-
-
-def _git_output(commit: str, *arguments: str) -> bytes | None:
+def _git_output(*arguments: str) -> bytes | None:
+    """Return the output of git; None without a clone, and for an unknown commit."""
     if not IS_CLONE:
         return None
     try:

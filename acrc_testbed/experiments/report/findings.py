@@ -19,7 +19,7 @@ from acrc_testbed.experiments.report.report_view import (
     strategy_label,
 )
 from acrc_testbed.experiments.report.time_sections import deadlock_counts
-from acrc_testbed.experiments.study import FIRST_TUNING_SEED, Study, Variant
+from acrc_testbed.experiments.study import Study, variant_text
 from acrc_testbed.experiments.verdicts import PairVerdict
 from acrc_testbed.picture.html_page import PageTable
 
@@ -110,18 +110,14 @@ def tables(view: ReportView, name: str, found: CampaignEvaluation) -> Iterator[P
 
 
 def _comparison_names(one: Comparison, varies: bool) -> dict[str, Cell]:
-    where = {"condition": _condition(one.variant)} if varies else {}
+    where = {"condition": variant_text(one.variant)} if varies else {}
     return {"first": one.one, "second": one.other, **where, "metric": one.says}
-
-
-def _condition(variant: Variant) -> str:
-    return ", ".join(f"{key} = {value}" for key, value in variant)
 
 
 def _verdict_row(one: PairVerdict) -> Row:
     """Return a verdict with the estimates of the metric tested last."""
     step = one.deciding or next((step for step in one.steps if not step.equivalent), one.steps[-1])
-    names = {"first": step.one, "second": step.other, "condition": _condition(step.variant)}
+    names = {"first": step.one, "second": step.other, "condition": variant_text(step.variant)}
     decided = {"result for the first": one.label, "metric": step.says}
     p = {"p (Holm)": step.adjusted if step.tested else None}
     return names | decided | _estimate_cells(step, "better on", "worse on") | p
@@ -179,8 +175,9 @@ def _description(source: RunSource) -> str:
             return f"{source.name}: recordings of real robots from a field trial."
         (run,) = source.records
         return f"{source.name}: one run of {strategy_label(run.strategy)} with seed {run.seed}."
+    scenario = study.scenario.replace("\\", "/").rpartition("/")[2]
     parts = [
-        f"{source.name}: {', '.join(map(strategy_label, study.strategies))} in {_file_name(study.scenario)}, "
+        f"{source.name}: {', '.join(map(strategy_label, study.strategies))} in {scenario}, "
         f"each with {study.seeds} common seeds ({_seed_range(study)})"
     ]
     parts += [f"{factor.key} varies: {', '.join(map(str, factor.values))}" for factor in study.factors]
@@ -193,7 +190,7 @@ def _description(source: RunSource) -> str:
             "by the study"
         )
     if study.settings:
-        parts.append("with " + ", ".join(f"{key} = {value}" for key, value in study.settings))
+        parts.append(f"with {variant_text(study.settings)}")
     parts += [f"own metrics: {', '.join(one.name for one in study.metric)}"] if study.metric else []
     declared = " and ".join(f"{one} versus {other}" for one, other in study.primary_pairs)
     parts.append(f"declared comparisons: {declared or 'none'}")
@@ -201,13 +198,8 @@ def _description(source: RunSource) -> str:
 
 
 def _seed_range(study: Study) -> str:
-    first = FIRST_TUNING_SEED if study.tuning else 1
+    first = study.first_seed
     return f"{first} to {first + study.seeds - 1}{', for tuning' if study.tuning else ''}"
-
-
-def _file_name(path: str) -> str:
-    """Return a file name without folders."""
-    return path.replace("\\", "/").rpartition("/")[2]
 
 
 def failures(view: ReportView, sources: Sequence[RunSource]) -> PageTable:
@@ -258,7 +250,7 @@ def _limited_use(sources: Sequence[RunSource], view: ReportView) -> Iterator[str
     for one in sources:
         if one.study is not None and one.study.tuning:
             yield f"{one.name}: tuning seeds; judge settings chosen with them on other seeds."
-    if any(run.contacts is None for group in view.groups for run in group.results):
+    if any(run.contacts is None for run in view.results):
         yield (
             f"Real robots have no ground truth: {view.task.items} are as reported; contacts, localisation "
             "errors, causes of lost time and CPU time are unknown; times of events are those of reports. The "
@@ -356,7 +348,7 @@ def _deadlock_caveats(view: ReportView) -> Iterator[str]:
     ]
     if counts:
         yield f"Mean number of deadlocked pairs per run: {_group_list(counts)}."
-    elif any(one.is_simulated for group in view.groups for one in group.results):
+    elif any(one.is_simulated for one in view.results):
         yield "Deadlocks were not recorded in these runs, although they often decide a run."
 
 

@@ -93,9 +93,7 @@ def compose(sources: Sequence[RunSource], out: Path) -> ReportPage:
 
 def origin(view: ReportView, sources: Sequence[RunSource]) -> PageSection:
     """Return the section on reproduction: commands, versions, and results of every run."""
-    digests = sum(
-        record.result is not None and record.result.is_simulated for one in sources for record in one.records
-    )
+    digests = sum(run.is_simulated for run in view.results)
     folders = view.table(
         "folders",
         "Folders",

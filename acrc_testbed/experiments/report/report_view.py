@@ -18,7 +18,7 @@ from acrc_testbed.experiments.report import charts
 from acrc_testbed.experiments.report.charts import SeriesStyle
 from acrc_testbed.experiments.statistical_models import Completion
 from acrc_testbed.experiments.store import Store, is_campaign, load_store
-from acrc_testbed.experiments.study import Study
+from acrc_testbed.experiments.study import Study, variant_text
 from acrc_testbed.experiments.trial_record import TrialRecord
 from acrc_testbed.explanation.time_spent import TimeSpent
 from acrc_testbed.picture.html_page import PagePicture, PageTable
@@ -104,9 +104,9 @@ def _unique_names(folders: Sequence[Path]) -> list[str]:
 
 def _campaign_source(store: Store, name: str, *, several: bool) -> RunSource:
     records = tuple(store.records())
-    variants = (", ".join(f"{key} = {value}" for key, value in one.variant.items()) for one in records)
+    variants = (variant_text(one.variant.items()) for one in records)
     conditions = tuple(
-        ": ".join(part for part in (name if several else "", variant) if part) or store.study.name
+        ": ".join(filter(None, (name if several else "", variant))) or store.study.name
         for variant in variants
     )
     return RunSource(name, records, conditions, store, evaluate(store))
@@ -167,6 +167,11 @@ class Group:
         return tuple(one.time for one in self.records if one.time is not None)
 
 
+def in_order(names: Iterable[Iterable[str]]) -> list[str]:
+    """Return the names of all robots, r2 before r10."""
+    return sorted({*itertools.chain.from_iterable(names)}, key=lambda name: (len(name), name))
+
+
 def strategy_label(strategy: str) -> str:
     """Return a strategy's name, marked if it is an upper bound."""
     return f"{strategy} (upper bound)" if strategy in UPPER_BOUNDS else strategy
@@ -196,6 +201,8 @@ class ReportView:
             for strategy in strategies
             if (condition, strategy) in found
         )
+        self.results = tuple(run for group in self.groups for run in group.results)
+        self.times = tuple(run for group in self.groups for run in group.times)
         self._looks = {name: charts.series_style(number) for number, name in enumerate(strategies)}
         self.has_conditions = len(conditions) > 1
 

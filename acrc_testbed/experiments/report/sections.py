@@ -1,8 +1,8 @@
 """Report sections on the task's metrics, robots, radio and costs."""
 
 import math
-from collections.abc import Callable, Iterator, Sequence
-from typing import Final, NamedTuple
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from typing import Final
 
 import msgspec
 import numpy as np
@@ -17,6 +17,7 @@ from acrc_testbed.experiments.report.report_view import (
     Group,
     ReportView,
     Row,
+    in_order,
     is_known,
     metric_value,
 )
@@ -24,7 +25,7 @@ from acrc_testbed.experiments.statistical_models import Completion, kaplan_meier
 from acrc_testbed.experiments.trial_record import TrialRecord
 from acrc_testbed.picture.html_page import PagePicture, PageSection, PageTable
 from acrc_testbed.results.outcome import outcome_means
-from acrc_testbed.results.result import RunResult, optional_value
+from acrc_testbed.results.result import RunResult
 from actors.ieee802154 import airtime_ns
 from actors.task.task import Metric
 
@@ -87,7 +88,7 @@ def _box_of(name: str, view: ReportView, group: Group, runs: Sequence[Completion
 def task_sections(view: ReportView) -> Iterator[PageSection]:
     """Yield the sections on the task's metrics: box plots of ranked ones, survival curves of events."""
     for metric in view.task.metrics:
-        known = is_known(metric, (run for group in view.groups for run in group.results))
+        known = is_known(metric, view.results)
         if known and metric.rank is not None:
             yield _distribution(view, metric)
         if known and metric.event:
@@ -102,8 +103,7 @@ def titled(metric: Metric) -> str:
 
 def _distribution(view: ReportView, metric: Metric) -> PageSection:
     """Return the section with box plots of a metric."""
-    runs = [run for group in view.groups for run in group.results]
-    totals = {total_of(metric, run) for run in runs}
+    totals = {total_of(metric, run) for run in view.results}
     limit = _run_end(view) if metric.event else None
     if len(totals) == 1 and (total := max(filter(None, totals), default=None)):
         limit = (total, f"all {total:g} {metric.unit}")
@@ -122,14 +122,14 @@ def _distribution(view: ReportView, metric: Metric) -> PageSection:
     text = [f"{metric.description.capitalize()}; {metric.better} is better."]
     if metric.event:
         text += [f"Runs that were not {metric.event} count with their full length.", _AT_LEAST]
-    if metric.reported and any(run.contacts is None for run in runs):
+    if metric.reported and any(run.contacts is None for run in view.results):
         text.append("Values of real robots are as reported, without ground truth.")
     return PageSection(metric.description.capitalize(), (*text, _BOX), picture, (table,))
 
 
 def _run_end(view: ReportView) -> tuple[float, str] | None:
     """Return the length of the runs with a label, if equal for all."""
-    lengths = {run.length_s for group in view.groups for run in group.results}
+    lengths = {run.length_s for run in view.results}
     return (max(lengths), "end of run") if len(lengths) == 1 else None
 
 
@@ -188,11 +188,10 @@ def _survival(view: ReportView, metric: Metric) -> PageSection:
 
 def robots(view: ReportView) -> PageSection | None:
     """Return the section on each robot's own items; None if the task has no metric of robots."""
-    runs = [run for group in view.groups for run in group.results]
     metrics = [
         one
         for one in view.task.metrics
-        if is_known(one, (_of_robot(run, robot) for run in runs for robot in run.per_robot))
+        if is_known(one, (_of_robot(run, robot) for run in view.results for robot in run.per_robot))
     ]
     timed = [one for one in metrics if one.event]
 
@@ -202,7 +201,7 @@ def robots(view: ReportView) -> PageSection | None:
 
     def rows(group: Group) -> Iterator[Row]:
         horizon = max(run.length_s for run in group.results)
-        for robot in _robots(group):
+        for robot in in_order(run.per_robot for run in group.results):
             count = sum(robot in run.per_robot for run in group.results)
             row: dict[str, Cell] = {"robot": robot, "runs": count}
             for one in metrics:
@@ -222,7 +221,8 @@ def robots(view: ReportView) -> PageSection | None:
         return PageSection("Results by robot", (text,), None, (table,))
     boxed = {
         view.row_name(group): [
-            _box_of(robot, view, group, values_of(group, robot, timed[-1])) for robot in _robots(group)
+            _box_of(robot, view, group, values_of(group, robot, timed[-1]))
+            for robot in in_order(run.per_robot for run in group.results)
         ]
         for group in view.groups
     }
@@ -239,11 +239,6 @@ def robots(view: ReportView) -> PageSection | None:
 def _of_robot(run: RunResult, robot: str) -> RunResult:
     """Return the result with the values of one robot instead of those of the task."""
     return msgspec.structs.replace(run, task=run.per_robot[robot].task)
-
-
-def _robots(group: Group) -> list[str]:
-    names = {name for run in group.results for name in run.per_robot}
-    return sorted(names, key=lambda name: (len(name), name))
 
 
 def radio(view: ReportView) -> PageSection:
@@ -265,6 +260,10 @@ def radio(view: ReportView) -> PageSection:
     text = ("Octets of the frames sent by robots, including MAC header and FCS.",)
     outcomes = view.group_table("frames", caption, frames, folded=True)
     return PageSection("Radio load", text, picture, (table, outcomes))
+
+
+Measure = Callable[[RunResult, TrialRecord], float | None]
+"""Function that returns a value of a run; None: unknown."""
 
 
 def _robot_seconds(run: RunResult) -> float:
@@ -303,61 +302,52 @@ def _adoption_count(run: RunResult, record: TrialRecord) -> float | None:
     return float(sum(one.adopts for one in record.time.decisions))
 
 
-class Cost(NamedTuple):
-    """A measure of cost of a run."""
-
-    description: str
-    """With unit."""
-    measure: Callable[[RunResult, TrialRecord], float | None]
-    """None: unknown."""
-
-
-COSTS: Final = (
-    Cost("octets on the air per robot and s", lambda run, _: run.radio_bytes_per_robot_s),
-    Cost("air time of a robot, % of the time", lambda run, _: airtime_percent(run)),
-    Cost("adoptions in a run", _adoption_count),
-    Cost("decisions of the adaptation in a run", _decision_count),
-    Cost("time from blocked to driving on, s", _mean_time_to_drive_on),
-    Cost("CPU, ms per robot and simulated s", lambda run, _: cpu_ms(run)),
-    Cost("metres driven by all robots", lambda run, _: run.driven_m),
-    Cost("energy used by all robots, J", lambda run, _: optional_value(run.energy_j)),
-    Cost("contacts in a run", lambda run, _: run.contacts),
-    Cost("contacts with people in a run", lambda run, _: optional_value(run.people_contacts)),
-    Cost("time in contact with people, s", lambda run, _: optional_value(run.people_contact_s)),
-    Cost("age of replicas, s", lambda run, _: run.deeco.replica_age_mean_s),
-)
-
-
-def _metric_cost(metric: Metric) -> Cost:
-    """Return the cost of a metric; an event that did not happen counts as the end of the run."""
+def _column(of: Metric | str) -> Measure:
+    """Return a measure of a metric or a column; an event that did not happen counts as the end of the run."""
+    metric = of if isinstance(of, Metric) else Metric(of, of, "", of)
 
     def measure(run: RunResult, _: TrialRecord) -> float | None:
         (value,) = values(metric, (run,), run.length_s)
         return None if math.isnan(value) else value
 
+    return measure
+
+
+def _cost_name(metric: Metric) -> str:
     unit = f", {metric.unit}" if metric.unit else ""
-    return Cost(f"{metric.description}{unit} ({metric.better} is better)", measure)
+    return f"{metric.description}{unit} ({metric.better} is better)"
 
 
-def _outcome_cost(name: str) -> Cost:
-    """Return the cost of a value returned by outcome()."""
-    return Cost(f"outcome.{name}", lambda run, _: outcome_means(run.outcome).get(name))
+COSTS: Final[Mapping[str, Measure]] = {
+    "octets on the air per robot and s": _column("radio_bytes_per_robot_s"),
+    "air time of a robot, % of the time": lambda run, _: airtime_percent(run),
+    "adoptions in a run": _adoption_count,
+    "decisions of the adaptation in a run": _decision_count,
+    "time from blocked to driving on, s": _mean_time_to_drive_on,
+    "CPU, ms per robot and simulated s": lambda run, _: cpu_ms(run),
+    "metres driven by all robots": _column("driven_m"),
+    "energy used by all robots, J": _column("energy_j"),
+    "contacts in a run": _column("contacts"),
+    "contacts with people in a run": _column("people_contacts"),
+    "time in contact with people, s": _column("people_contact_s"),
+    "age of replicas, s": lambda run, _: run.deeco.replica_age_mean_s,
+}
+"""Measure of each cost, whose name contains the unit."""
 
 
 def costs(view: ReportView) -> PageSection:
     """Return the section on all known costs."""
-    outcome_names = dict.fromkeys(
-        name for group in view.groups for run in group.results for name in outcome_means(run.outcome)
-    )
+    outcome_names = dict.fromkeys(name for run in view.results for name in outcome_means(run.outcome))
     further = [one for one in view.task.metrics if one.rank is None and not one.event]
-    own = map(_metric_cost, (*view.metrics.values(), *further))
+    own = {_cost_name(one): _column(one) for one in (*view.metrics.values(), *further)}
+    outcomes = {f"outcome.{name}": _column(f"outcome.{name}") for name in outcome_names}
     found = {
-        (cost.description, group): [
+        (name, group): [
             float(value)
             for record in group.records
-            if record.result is not None and (value := cost.measure(record.result, record)) is not None
+            if record.result is not None and (value := measure(record.result, record)) is not None
         ]
-        for cost in (*own, *COSTS, *map(_outcome_cost, outcome_names))
+        for name, measure in {**own, **COSTS, **outcomes}.items()
         for group in view.groups
     }
     names = dict.fromkeys(name for name, _ in found)

@@ -2,13 +2,15 @@
 
 from collections import Counter
 from collections.abc import Iterator
+from itertools import groupby
+from operator import attrgetter
 from typing import Final
 
 import numpy as np
 
 from acrc_testbed.experiments.report import charts
 from acrc_testbed.experiments.report.charts import Bar
-from acrc_testbed.experiments.report.report_view import Cell, Group, ReportView, Row
+from acrc_testbed.experiments.report.report_view import Cell, Group, ReportView, Row, in_order
 from acrc_testbed.explanation.time_spent import Cause, DeadlockCount, DecisionEvent
 from acrc_testbed.picture.html_page import PageSection
 from actors.observer.glyphs import CAUSE_GLYPHS, hexadecimal
@@ -36,8 +38,7 @@ def causes(view: ReportView) -> PageSection | None:
             yield {"runs": len(group.times)} | {name: 100.0 * part for name, part in shares[group].items()}
 
     def robots(group: Group) -> Iterator[Row]:
-        names = {name for run in group.times for name in run.robots}
-        for robot in sorted(names, key=lambda name: (len(name), name)):
+        for robot in in_order(run.robots for run in group.times):
             runs = [run.robots[robot] for run in group.times if robot in run.robots]
             means = {cause: float(np.mean([run.get(cause, 0.0) for run in runs])) for cause in CAUSE_STYLES}
             yield {"robot": robot, **means}
@@ -74,7 +75,7 @@ def _cause_shares(group: Group) -> dict[str, float]:
 
 def blockings(view: ReportView) -> PageSection | None:
     """Return the section on blockages and their diagnosis; None if unknown."""
-    if not any(group.times for group in view.groups):
+    if not view.times:
         return None
     return PageSection(
         "Blockages",
@@ -96,9 +97,10 @@ def blockings(view: ReportView) -> PageSection | None:
 
 
 def _blocking_rows(group: Group) -> Iterator[Row]:
-    events = [event for run in group.times for event in run.blockings]
-    for place, cause in sorted({(event.place, event.cause) for event in events}):
-        of_kind = [event for event in events if (event.place, event.cause) == (place, cause)]
+    kind = attrgetter("place", "cause")
+    events = sorted((event for run in group.times for event in run.blockings), key=kind)
+    for (place, cause), found in groupby(events, kind):
+        of_kind = list(found)
         yield {
             "runs": len(group.times),
             "place": place,
@@ -147,9 +149,9 @@ def _known_mean(results: list[float | None]) -> Cell:
 
 def decisions(view: ReportView) -> PageSection | None:
     """Return the section on decisions of the adaptation and their outcomes; None without decisions."""
-    if not any(run.decisions for group in view.groups for run in group.times):
+    if not any(run.decisions for run in view.times):
         return None
-    left_out = sum(run.decisions_left_out for group in view.groups for run in group.times)
+    left_out = sum(run.decisions_left_out for run in view.times)
     more = (f"{left_out} further decisions are not listed.",) if left_out else ()
     all_runs = "Decisions, all runs together; times are medians over robots that drove on"
     listed = f"All decisions, at most {_MAX_LISTED} of each strategy"
@@ -170,9 +172,10 @@ def decisions(view: ReportView) -> PageSection | None:
 
 
 def _outcome_rows(group: Group) -> Iterator[Row]:
-    events = [event for run in group.times for event in run.decisions]
-    for trigger, outcome in sorted({(event.trigger, event.outcome) for event in events}):
-        of_kind = [event for event in events if (event.trigger, event.outcome) == (trigger, outcome)]
+    kind = attrgetter("trigger", "outcome")
+    events = sorted((event for run in group.times for event in run.decisions), key=kind)
+    for (trigger, outcome), found in groupby(events, kind):
+        of_kind = list(found)
         freed = [
             (event.blocked_s + event.free_after_s, event.free_after_s)
             for event in of_kind
