@@ -41,7 +41,6 @@ _EVENTS: Final = (
     EventTable(at=5.0, lose="r1", of="r2"),
 )
 """Disturbances that a strategy must handle: missed steps, a restart with empty state, a lost frame."""
-_DROPPED: Final = ("frames_dropped", "frames_overflow")
 _STEPS: Final = 50
 
 
@@ -139,7 +138,7 @@ def _result_findings(result: RunResult) -> Iterator[str]:
     yield from result.refused_reports
     if lost := result.task.get("places_lost"):
         yield f"{lost} places are in no robot's route and were neither reported nor given up"
-    for name in _DROPPED:
+    for name in ("frames_dropped", "frames_overflow"):
         if count := result.frames.get(name, 0):
             yield f"{name} is {count}: more frames sent than the radio accepts; publish less or less often"
 

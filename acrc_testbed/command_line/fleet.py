@@ -25,11 +25,12 @@ from acrc_testbed.command_line.shared_options import (
 )
 from actors.console import create_console
 from actors.installation.repository import clone
+from actors.orders import Order, Pause, Resume, Stop
 from actors.processes.signals import Interruption
 from actors.runtime.errors import AcrcError
+from deploy.hosts.address import dask_address, host_and_port
 
 if TYPE_CHECKING:
-    from actors.orders import Order
     from deploy.fleet.fleet_file import Fleet
     from deploy.fleet.keys import FleetKeys
 
@@ -94,26 +95,20 @@ def stop(endpoints: Endpoints, keys: OperatorKeys, json: Json = False) -> None:
 
     Each robot confirms within 2 s; otherwise an error names it and the exit code is 1.
     """
-    from actors.orders import Stop
-
     _send_order(endpoints, keys, Stop(), json=json)
 
 
 def pause(endpoints: Endpoints, keys: OperatorKeys, json: Json = False) -> None:
     """Pause all robots until resume; output as for stop."""
-    from actors.orders import Pause
-
     _send_order(endpoints, keys, Pause(), json=json)
 
 
 def resume(endpoints: Endpoints, keys: OperatorKeys, json: Json = False) -> None:
     """Resume paused robots; output as for stop."""
-    from actors.orders import Resume
-
     _send_order(endpoints, keys, Resume(), json=json)
 
 
-def _send_order(endpoints: list[str], keys: Path, order: "Order", *, json: bool) -> NoReturn:
+def _send_order(endpoints: list[str], keys: Path, order: Order, *, json: bool) -> NoReturn:
     """Send an order to all robots, print each outcome and exit."""
     from deploy.fleet import operator_station
 
@@ -373,8 +368,6 @@ def start(address: Address) -> None:
 
     It listens at ADDRESS, which must reach this computer from the others.
     """
-    from deploy.hosts.address import dask_address, host_and_port
-
     place = dask_address(address, "ADDRESS")
     host, port = host_and_port(place)
     protocol = place.partition("://")[0]
@@ -393,7 +386,6 @@ def join(
     The first call installs packages and compiles kernels.
     """
     from actors.processes.kernel_compilation import compile_kernels
-    from deploy.hosts.address import dask_address
     from deploy.hosts.connection import TIMEOUT_S, create_security
 
     place = dask_address(address, "ADDRESS")
@@ -415,7 +407,6 @@ def fetch(
 ) -> None:
     """Fetch a run's recordings from other computers and delete them there."""
     from acrc_testbed.recordings.topics import is_running
-    from deploy.hosts.address import dask_address
     from deploy.hosts.files import fetch
 
     address = dask_address(on) if on else ""

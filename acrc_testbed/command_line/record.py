@@ -18,7 +18,6 @@ if TYPE_CHECKING:
     from acrc_testbed.recordings.topics import LoggedMessage
 
 app = typer.Typer(no_args_is_help=True, rich_markup_mode=None)
-_Recorded = Annotated[Path, argument("OUT", "Folder of a run, or one recording.")]
 _Growing = Annotated[Path, argument("OUT", "Folder of a run (may be in progress), or one recording.")]
 _KEY = "Key: r1/drive, truth, */senses for all robots, or a full key"
 _Begin = Annotated[float, option("S", "Begin at this simulated time.", "--from", min=0)]
@@ -107,7 +106,9 @@ def plot(
 
 
 @app.command()
-def check(out: _Recorded, json: Json = False) -> None:
+def check(
+    out: Annotated[Path, argument("OUT", "Folder of a run, or one recording.")], json: Json = False
+) -> None:
     """Check that the files of a run are unchanged.
 
     Compare recordings with their checksums, one another and the result, and all files with the seal. A single

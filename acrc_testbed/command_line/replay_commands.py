@@ -71,7 +71,13 @@ def replay(
     permit = permission(modules, trust=trust)
     if robot is None:
         check_absent("requires --robot", for_one_actor)
-        _replay_all(out, permit, json=json)
+        from deploy.run.swarm_replay import replay_swarm
+
+        swarm = replay_swarm(out, permit=permit)
+        orders = f", with {swarm.orders} orders" if swarm.orders else ""
+        cut = "" if swarm.complete else ", up to the end of the recordings"
+        sentence = f"matches the recording: {swarm.messages} messages{orders}{cut}; digest {swarm.digest}"
+        answer([sentence], swarm, json=json)
         return
     debugged = pdb or debugpy is not None
     if json and debugged:
@@ -94,19 +100,6 @@ def replay(
     until = "" if report.whole else " so far" if end is None else f" up to {end:g} s"
     outputs = f"matches the recording: {report.outputs} outputs{until}"
     answer([f"{report.actor}: {report.decisions or outputs}"], report, json=json)
-
-
-def _replay_all(out: Path, permit: "Permit", *, json: bool) -> None:
-    from deploy.run.swarm_replay import replay_swarm
-
-    report = replay_swarm(out, permit=permit)
-    orders = f", with {report.orders} orders" if report.orders else ""
-    cut = "" if report.complete else ", up to the end of the recordings"
-    answer(
-        [f"matches the recording: {report.messages} messages{orders}{cut}; digest {report.digest}"],
-        report,
-        json=json,
-    )
 
 
 def _replay_here(

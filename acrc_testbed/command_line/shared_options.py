@@ -17,32 +17,32 @@ if TYPE_CHECKING:
     from actors.robot.behaviour.code_permit import Permit
 
 
-def scenarios(incomplete: str) -> list[str]:
+def scenarios() -> list[str]:
     """Return paths of the shipped scenarios and TOML files of the working directory."""
     shipped = sorted((SHIPPED / "scenarios").glob("*.toml"))
     here = sorted(path.name for path in Path().glob("*.toml"))
-    return [name for name in (*here, *map(os.path.relpath, shipped)) if name.startswith(incomplete)]
+    return [*here, *map(os.path.relpath, shipped)]
 
 
-def strategies(incomplete: str) -> list[str]:
+def strategies() -> list[str]:
     """Return names of strategies, without importing any."""
     from cleaning.strategies import strategies as known
 
-    return [one.name for one in known() if one.name.startswith(incomplete)]
+    return [one.name for one in known()]
 
 
-def orders(incomplete: str) -> list[str]:
+def orders() -> list[str]:
     """Return verbs of orders to a run."""
     from deploy.run.order_bus import VERBS
 
-    return [verb for verb in VERBS if verb.startswith(incomplete)]
+    return [*VERBS]
 
 
-def navigation(incomplete: str) -> list[str]:
+def navigation() -> list[str]:
     """Return presets of navigation."""
     from actors.robot.navigation.navigator import NAVIGATION_PRESETS
 
-    return [name for name in NAVIGATION_PRESETS if name.startswith(incomplete)]
+    return [*NAVIGATION_PRESETS]
 
 
 def option(metavar: str, text: str, *names: str, **others: Any) -> Any:
@@ -136,7 +136,11 @@ def answer(shown: "Iterable[str | Table]", data: object, *, json: bool) -> None:
     if json:
         import msgspec
 
-        sys.stdout.write(msgspec.json.encode(data, enc_hook=_encodable).decode() + "\n")
+        # numpy's scalars as numbers, other values as text
+        encoded = msgspec.json.encode(
+            data, enc_hook=lambda one: one.item() if hasattr(one, "item") else str(one)
+        )
+        sys.stdout.write(encoded.decode() + "\n")
         return
     from actors.console import print_parts
 

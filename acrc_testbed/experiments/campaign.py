@@ -300,9 +300,7 @@ def _uniform_column(values: Iterable[object]) -> list[object]:
     if kinds == {int, float}:
         return [float(value) if isinstance(value, int) else value for value in column]
     if len(kinds) > 1:
-        return [
-            None if value is None else value if isinstance(value, str) else _json(value) for value in column
-        ]
+        return [value if isinstance(value, str | None) else _json(value) for value in column]
     return column
 
 

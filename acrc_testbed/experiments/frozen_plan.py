@@ -41,11 +41,8 @@ def study_inputs(study: Study) -> StudyInputs:
     scenario = Path(os.path.realpath(study.scenario))
     if not scenario.is_file():
         raise AcrcError(f"{scenario}: missing; the campaign's runs were made with it")
-    tables = (
-        toml_tables(read_text(scenario, "scenario"), scenario),
-        [study.settings_of(variant) for variant in study.variants()],
-    )
-    for text in _texts(tables):
+    settings = [study.settings_of(variant) for variant in study.variants()]
+    for text in _texts([toml_tables(read_text(scenario, "scenario"), scenario), settings]):
         if Path(text).is_absolute():
             raise AcrcError(f"{scenario}: {text} is an absolute path; make it relative to the scenario")
     read = (Path(os.path.realpath(path)) for path in _input_files(study))

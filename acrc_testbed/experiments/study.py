@@ -4,6 +4,7 @@ import hashlib
 import itertools
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from operator import itemgetter
 from pathlib import Path
 from typing import Annotated, Any, Final, Literal, NamedTuple
 
@@ -265,8 +266,7 @@ def draw_cells(factors: Sequence[RandomFactor], samples: int, seed: int) -> tupl
             "or fixed factors (values = [...]) for all combinations"
         )
     sampler = qmc.LatinHypercube(len(factors), rng=generator(seed, "study", "cells"))
-    best: tuple[int, float] | None = None
-    cells: tuple[Variant, ...] = ()
+    ranked = []
     for _ in range(_CANDIDATES):
         points = sampler.random(samples)
         drawn = [
@@ -275,8 +275,8 @@ def draw_cells(factors: Sequence[RandomFactor], samples: int, seed: int) -> tupl
         ]
         found = tuple({repr(cell): cell for cell in drawn}.values())
         rank = (-len(found), round(float(qmc.discrepancy(points)), _DISCREPANCY_DIGITS))
-        if best is None or rank < best:
-            best, cells = rank, found
+        ranked.append((rank, found))
+    _, cells = min(ranked, key=itemgetter(0))
     if len(cells) < samples:
         raise AcrcError(
             f"samples: only {len(cells)} of {samples} cells differ, as the random factors have "

@@ -378,7 +378,8 @@ def check_study(study: Study, permit: Permit, source: Path | None) -> tuple[list
         own_permit = permit if source is not None else replace(permit, typed=named)
         folders = permitted_folders(file, named, module_folders(scenario), own_permit)
         modules |= dict.fromkeys(folders)
-        warnings |= dict.fromkeys(filter(None, (common_conditions(scenario),)))
+        if alike := common_conditions(scenario):
+            warnings[alike] = None
     return list(warnings), CodeFolders(tuple(modules), _metric_folders(study, permit, file), permit.modules)
 
 

@@ -142,8 +142,6 @@ def citation(store: Store, names: Sequence[str]) -> str:
     )
 
 
-UNNAMED: Final = "Unnamed; write the authors here"
-_HERE: Final = Path(__file__).parent
 _INPUTS: Final = "inputs"
 
 
@@ -159,9 +157,7 @@ def make_bundle(folder: Path, out: Path, authors: Sequence[str] = ()) -> bool:
         raise AcrcError(f"{folder}: no run has ended, so there are no results to bundle")
     inputs = study_inputs(store.study)
     commit = store.commit
-    software = None
-    if not commit.endswith("+"):
-        software = _git_output("archive", "--format=zip", commit)
+    software = None if commit.endswith("+") else _git_output("archive", "--format=zip", commit)
     study, results_study = (
         msgspec.structs.replace(
             store.study,
@@ -172,12 +168,14 @@ def make_bundle(folder: Path, out: Path, authors: Sequence[str] = ()) -> bool:
     )
     files = {
         "README.md": readme(store, records, inputs.scenario, has_software=software is not None).encode(),
-        "CITATION.cff": citation(store, authors or [UNNAMED]).encode(),
+        "CITATION.cff": citation(store, authors or ["Unnamed; write the authors here"]).encode(),
         "study.json": typed_json.dump(study),
         "results/study.json": msgspec.json.encode(results_study),
         "digests.csv": _digest_table(records),
         "constraints.txt": (SHIPPED / "constraints.txt").read_bytes(),
-        **{name: (_HERE / name).read_bytes() for name in ("reproduce.sh", "check_digests.py")},
+        **{
+            name: Path(__file__).with_name(name).read_bytes() for name in ("reproduce.sh", "check_digests.py")
+        },
         **{f"{_INPUTS}/{name}": regular_file.read_bytes(path) for name, path in inputs.files.items()},
         **dict(_result_files(store)),
         **dict(_report_files(folder)),

@@ -198,16 +198,13 @@ def draw_boxes(
 
     `says`: label of the x axis. `limit`: upper limit and its label. `near`: the axis need not begin at zero.
     """
-    tallest = max(map(len, conditions.values()))
-    figure, axes = panels(len(conditions), _PANEL_MARGIN + _ROW_HEIGHT * tallest)
-    for panel, (title, rows) in zip(axes, conditions.items(), strict=True):
-        _label_rows(panel, title if len(conditions) > 1 else "", [row.label for row in rows])
+    figure, axes = _row_panels(conditions)
+    for panel, rows in zip(axes, conditions.values(), strict=True):
         for index, row in enumerate(rows):
             _draw_box(panel, index, row)
         if limit is not None:
             panel.axvline(limit[0], color=FAINT, linewidth=1.0, linestyle=(0, (4, 3)), zorder=1)
         panel.xaxis.set_major_locator(MaxNLocator(7, steps=[1, 2, 5, 10]))
-    _label_rows_once(axes)
     lows = [min(row.values) for rows in conditions.values() for row in rows]
     highs = [max(row.values) for rows in conditions.values() for row in rows]
     highest = max(*highs, limit[0] if limit else highs[0])
@@ -242,16 +239,13 @@ def draw_bars(
     conditions: Mapping[str, Sequence[Bar]], looks: Mapping[str, tuple[str, str]], says: str
 ) -> Figure:
     """Draw stacked bars, a panel for each condition. `looks`: colour and hatch of each part."""
-    tallest = max(map(len, conditions.values()))
-    figure, axes = panels(len(conditions), _PANEL_MARGIN + _ROW_HEIGHT * tallest + 0.35)
-    for panel, (title, rows) in zip(axes, conditions.items(), strict=True):
-        _label_rows(panel, title if len(conditions) > 1 else "", [row.label for row in rows])
+    figure, axes = _row_panels(conditions, legend=0.35)
+    for panel, rows in zip(axes, conditions.values(), strict=True):
         for index, row in enumerate(rows):
             _draw_stack(panel, index, row, looks)
         panel.set_xlim(0.0, 1.0)
         panel.xaxis.set_major_formatter(PercentFormatter(1.0))
     _label_x(axes, says)
-    _label_rows_once(axes)
     handles, labels = axes[0].get_legend_handles_labels()
     unique = dict(zip(labels, handles, strict=True))
     figure.legend(
@@ -263,10 +257,8 @@ def draw_bars(
 
 def draw_dots(quantities: Mapping[str, Sequence[Dot]]) -> Figure:
     """Draw estimates with intervals, a panel for each quantity; its axis includes zero."""
-    tallest = max(map(len, quantities.values()))
-    figure, axes = panels(len(quantities), _PANEL_MARGIN + 0.9 * _ROW_HEIGHT * tallest, alike=False)
+    figure, axes = _row_panels(quantities, 0.9 * _ROW_HEIGHT, alike=False)
     for panel, (title, rows) in zip(axes, quantities.items(), strict=True):
-        _label_rows(panel, "", [row.label for row in rows])
         panel.set_title(wrapped(title, NARROW, 2))
         known = [(index, row.mean, row.look) for index, row in enumerate(rows) if row.mean is not None]
         for index, mean, how in known:
@@ -280,26 +272,33 @@ def draw_dots(quantities: Mapping[str, Sequence[Dot]]) -> Figure:
         negative = (mean for _, mean, _ in known if mean.value < 0.0)
         start = min((mean.value if math.isnan(mean.low) else mean.low for mean in negative), default=0.0)
         panel.set_xlim(1.05 * start, 1.05 * max([0.0, *farthest]) or float(start == 0.0))
-    _label_rows_once(axes)
     return figure
 
 
-def _label_rows(panel: Axes, title: str, labels: Sequence[str]) -> None:
-    panel.set_title(wrapped(title, TITLE, 3))
-    texts = [wrapped(label, NARROW, 2) for label in labels]
-    panel.set_yticks(range(len(labels)), texts, fontsize=8.5 if "\n" in "".join(texts) else None)
-    panel.set_ylim(len(labels) - 0.4, -0.6)  # the first on top
-    panel.grid(visible=False, axis="y")
-    panel.tick_params(axis="y", length=0)
+def _row_panels(
+    content: Mapping[str, Sequence[Box | Bar | Dot]],
+    height: float = _ROW_HEIGHT,
+    legend: float = 0.0,
+    *,
+    alike: bool = True,
+) -> tuple[Figure, list[Axes]]:
+    """Create a titled panel for each condition, with labelled rows; right panels repeat no equal labels.
 
-
-def _label_rows_once(axes: Sequence[Axes]) -> None:
-    """Remove row labels of right panels that equal those of the left panel."""
-    for left, right in zip(axes[::2], axes[1::2], strict=False):
-        if [one.get_text() for one in left.get_yticklabels()] == [
-            one.get_text() for one in right.get_yticklabels()
-        ]:
-            right.tick_params(axis="y", labelleft=False)
+    `height`, `legend`: heights of a row and of the legend, inches.
+    """
+    tallest = max(map(len, content.values()))
+    figure, axes = panels(len(content), _PANEL_MARGIN + height * tallest + legend, alike=alike)
+    labels = [[wrapped(row.label, NARROW, 2) for row in rows] for rows in content.values()]
+    for panel, title, texts in zip(axes, content, labels, strict=True):
+        panel.set_title(wrapped(title, TITLE, 3) if len(content) > 1 else "")
+        panel.set_yticks(range(len(texts)), texts, fontsize=8.5 if "\n" in "".join(texts) else None)
+        panel.set_ylim(len(texts) - 0.4, -0.6)  # the first on top
+        panel.grid(visible=False, axis="y")
+        panel.tick_params(axis="y", length=0)
+    for left in range(0, len(axes) - 1, 2):
+        if labels[left] == labels[left + 1]:
+            axes[left + 1].tick_params(axis="y", labelleft=False)
+    return figure, axes
 
 
 def _label_x(axes: Sequence[Axes], says: str) -> None:
