@@ -96,6 +96,11 @@ class VisitReport(MessagePart, frozen=True):
     """As in ItemKey."""
     instant: int
 
+    @property
+    def key(self) -> ItemKey:
+        """Key of the place."""
+        return ItemKey(self.owner, self.number)
+
 
 def visit_report(key: ItemKey, now: Instant) -> VisitReport:
     """Return the report that a place was visited."""

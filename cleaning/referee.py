@@ -57,30 +57,35 @@ class PlaceVerdict(Enum):
     """Neither, and at the end in the route of a robot with a process."""
 
 
-class PlaceOutcome(msgspec.Struct, frozen=True):
-    """Final state of one place; instants in µs, None = never."""
+class PlaceOutcome(msgspec.Struct):
+    """State of one place; instants in µs, None = never."""
 
     owner: str
     number: int
     x: float
     y: float
-    reached_at: int | None
+    reached_at: int | None = None
     """First true visit."""
-    reached_by: str | None
-    reported_at: int | None
+    reached_by: str | None = None
+    reported_at: int | None = None
     """First report of a visit."""
-    reported_by: str | None
-    given_up_at: int | None
+    reported_by: str | None = None
+    given_up_at: int | None = None
     """First time it was given up; it may have been reported before or after."""
-    given_up_by: str | None
-    reason: str | None
+    given_up_by: str | None = None
+    reason: str | None = None
     """Reason given by `given_up_by`."""
-    in_route_of: tuple[str, ...]
+    in_route_of: tuple[str, ...] = ()
     """Robots with a process and with this place in their route at the end, in scenario order."""
     given_at: int = 0
     """When it was given to its owner; 0: at the start."""
     has_truth: bool = True
     """False: reports are unverified."""
+
+    @property
+    def key(self) -> ItemKey:
+        """Key of the place."""
+        return ItemKey(self.owner, self.number)
 
     @property
     def verdict(self) -> PlaceVerdict:
@@ -134,24 +139,34 @@ class Referee(Judge):
         self._grid = setup.grid
         self._has_truth = setup.has_truth
         self._in_simulation = setup.world is not None
-        self._keys = [ItemKey(robot, n) for robot in setup.robots for n in range(len(setup.items[robot]))]
-        self._number_of_key = {(key.owner, key.number): number for number, key in enumerate(self._keys)}
-        points = [place for robot in setup.robots for place in setup.items[robot]]
-        self._places: NDArray[np.float64] = np.array(points, dtype=np.float64).reshape(-1, 2)
         self._reach = reach
-        self._unreached = np.arange(len(points))
-        self._reached: dict[int, tuple[int, str]] = {}
-        self._reported: dict[int, tuple[int, str]] = {}
-        self._given_up: dict[int, tuple[int, str, str]] = {}
-        self._unsettled = set(range(len(points)))
-        self._assigned = {
-            robot: tuple(ItemKey(robot, index) for index in range(len(setup.items[robot])))
-            for robot in setup.robots
-        }
-        self._given_at: dict[int, int] = {}
+        self._places: dict[ItemKey, PlaceOutcome] = {}
+        """All places; their order is that of the points."""
+        self._keys: list[ItemKey] = []
+        self._points: NDArray[np.float64] = np.empty((0, 2))
+        self._unreached = np.arange(0)
+        """Indices of the places that no robot has reached."""
+        self._unsettled: set[ItemKey] = set()
+        self._assigned: dict[str, tuple[ItemKey, ...]] = dict.fromkeys(setup.robots, ())
+        for robot in setup.robots:
+            self._assign(robot, setup.items[robot], "open")
         self._routes = dict(self._assigned)
-        for number in range(len(points)):
-            self._show(number, "open")
+
+    def _assign(
+        self, robot: str, points: Sequence[tuple[float, float]], state: str, instant: int = 0
+    ) -> None:
+        """Add places of a robot, shown in a state."""
+        first, count = len(self._keys), len(self._assigned[robot])
+        for number, (x, y) in enumerate(points, start=count):
+            place = PlaceOutcome(robot, number, x, y, given_at=instant, has_truth=self._has_truth)
+            self._places[place.key] = place
+            self._keys.append(place.key)
+            self._show(place, state)
+        new = self._keys[first:]
+        self._points = np.concatenate([self._points, np.array(points, np.float64).reshape(-1, 2)])
+        self._unreached = np.concatenate([self._unreached, np.arange(first, len(self._keys))])
+        self._unsettled.update(new)
+        self._assigned[robot] += tuple(new)
 
     @property
     def settled(self) -> bool:
@@ -162,10 +177,11 @@ class Referee(Judge):
         """Process the robots' true positions, (n, 2) m, in the order of the set-up."""
         if not self._unreached.size:
             return
-        found = find_visits(self._places, self._unreached, positions, self._reach)
+        found = find_visits(self._points, self._unreached, positions, self._reach)
         if len(found):
             for number, robot in found.tolist():
-                self._reached[number] = (instant, self._ids[robot])
+                place = self._places[self._keys[number]]
+                place.reached_at, place.reached_by = instant, self._ids[robot]
             self._unreached = np.setdiff1d(self._unreached, found[:, 0], assume_unique=True)
 
     def take(self, robot: str, answer: TaskReports, begin: int, end: int) -> str | None:
@@ -174,44 +190,41 @@ class Referee(Judge):
             if report_fault := self._report(robot, report, begin, end):
                 return report_fault
         for given_up in answer.given_up:
-            if not self._has_place(given_up):
-                return _unknown_place("gives up", given_up)
+            if given_up.key not in self._places:
+                return _unknown_place("gives up", given_up.key)
             self._give_up(robot, given_up)
         if answer.route is not None:
-            for place in answer.route:
-                if not self._has_place(place):
-                    return _unknown_place("has in its route", place)
+            for key in answer.route:
+                if key not in self._places:
+                    return _unknown_place("has in its route", key)
             self._routes[robot] = answer.route
         return None
 
-    def _has_place(self, place: ItemKey | VisitReport | ItemGivenUp) -> bool:
-        return (place.owner, place.number) in self._number_of_key
-
     def _report(self, robot: str, report: VisitReport, begin: int, end: int) -> str | None:
         """Record a robot's report; the first report of a place counts."""
-        if not self._has_place(report):
-            return _unknown_place("reports", report)
+        place = self._places.get(report.key)
+        if place is None:
+            return _unknown_place("reports", report.key)
         if fault := instant_fault("reports a place", report.instant, begin, end):
             return fault
-        number = self._number_of_key[report.owner, report.number]
-        self.note(robot, report.instant, "cleaned", self._keys[number])
-        if number not in self._reported:
-            self._reported[number] = (report.instant, robot)
-            self._show(number, "done", robot)
-        self._unsettled.discard(number)
+        self.note(robot, report.instant, "cleaned", report.key)
+        if place.reported_at is None:
+            place.reported_at, place.reported_by = report.instant, robot
+            self._show(place, "done", robot)
+        self._unsettled.discard(report.key)
         return None
 
     def _give_up(self, robot: str, given_up: ItemGivenUp) -> None:
         """Record that a robot gives up an existing place; the first time counts."""
-        number = self._number_of_key[given_up.owner, given_up.number]
-        self._given_up.setdefault(number, (given_up.instant, robot, given_up.reason))
-        if number not in self._reported:
-            self._show(number, "given up", robot)
-        self._unsettled.discard(number)
+        place = self._places[given_up.key]
+        if place.given_up_at is None:
+            place.given_up_at, place.given_up_by, place.reason = given_up.instant, robot, given_up.reason
+        if place.reported_at is None:
+            self._show(place, "given up", robot)
+        self._unsettled.discard(given_up.key)
 
-    def _show(self, number: int, state: str, by: str = "") -> None:
-        x, y = self._places[number].tolist()
-        self.mark(self._keys[number], (x, y), state, by)
+    def _show(self, place: PlaceOutcome, state: str, by: str = "") -> None:
+        self.mark(place.key, (place.x, place.y), state, by)
 
     def restart(self, robot: str) -> None:
         """Reset the route of a restarted robot to the places that it was given."""
@@ -222,36 +235,23 @@ class Referee(Judge):
         for x, y in items:
             if self._grid is not None and not self._grid.is_free(Point(x, y)):
                 return f"({x:g}, {y:g}) is not on free floor; choose another place"
-        first, count = len(self._keys), len(self._assigned[robot])
-        keys = tuple(ItemKey(robot, count + number) for number in range(len(items)))
-        self._keys += keys
-        numbers = range(first, first + len(keys))
-        self._number_of_key |= {
-            (key.owner, key.number): number for key, number in zip(keys, numbers, strict=True)
-        }
-        self._places = np.concatenate([self._places, np.array(items, np.float64).reshape(-1, 2)])
-        self._unreached = np.concatenate([self._unreached, np.array(numbers, self._unreached.dtype)])
-        self._unsettled.update(numbers)
-        self._given_at |= dict.fromkeys(numbers, int(instant))
-        self._assigned[robot] += keys
-        self._routes[robot] = (*self._routes[robot], *keys)
-        for number in numbers:
-            self._show(number, "given")
+        count = len(self._assigned[robot])
+        self._assign(robot, items, "given", int(instant))
+        self._routes[robot] = (*self._routes[robot], *self._assigned[robot][count:])
         return None
 
     def progress(self, present: Collection[str]) -> TaskProgress:
         """Count places in routes of the robots in `present`, and reported places."""
-        routes = (self._routes[robot] for robot in present)
-        open_places = {(place.owner, place.number) for route in routes for place in route}
-        return TaskProgress(len(open_places), len(self._reported))
+        open_places = {key for robot in present for key in self._routes[robot]}
+        reported = sum(place.reported_at is not None for place in self._places.values())
+        return TaskProgress(len(open_places), reported)
 
     def outcome(self, present: Collection[str], end: Instant) -> TaskOutcome:
         """Return the state of all places, in the order of the robots and their lists."""
         places = tuple(self.places(present))
         for place in places:
             if place.verdict is PlaceVerdict.MISTAKEN:
-                key = ItemKey(place.owner, place.number)
-                self.mark(key, (place.x, place.y), "given up", place.reported_by or "")
+                self._show(place, "given up", place.reported_by or "")
         values = place_values(places, has_truth=self._has_truth)
         robots = {
             robot: robot_values((one for one in places if one.owner == robot), has_truth=self._has_truth)
@@ -263,41 +263,18 @@ class Referee(Judge):
 
     def places(self, present: Collection[str]) -> Iterator[PlaceOutcome]:
         """Yield the current state of every place, in the order of the robots and their lists."""
-        routes = {robot: self._routes[robot] for robot in self._assigned if robot in present}
-        holders: dict[tuple[str, int], list[str]] = {}
-        for robot, route in routes.items():
-            for key in route:
-                holders.setdefault((key.owner, key.number), []).append(robot)
-        owners = {robot: number for number, robot in enumerate(self._ids)}
-        ordered = sorted(enumerate(self._keys), key=lambda item: (owners[item[1].owner], item[1].number))
-        for number, key in ordered:
-            yield self._place_outcome(number, tuple(holders.get((key.owner, key.number), ())))
-
-    def _place_outcome(self, number: int, in_route_of: tuple[str, ...]) -> PlaceOutcome:
-        x, y = (float(value) for value in self._places[number])
-        reached_at, reached_by = self._reached.get(number, (None, None))
-        reported_at, reported_by = self._reported.get(number, (None, None))
-        given_up_at, given_up_by, reason = self._given_up.get(number, (None, None, None))
-        return PlaceOutcome(
-            owner=self._keys[number].owner,
-            number=self._keys[number].number,
-            x=x,
-            y=y,
-            reached_at=reached_at,
-            reached_by=reached_by,
-            reported_at=reported_at,
-            reported_by=reported_by,
-            given_up_at=given_up_at,
-            given_up_by=given_up_by,
-            reason=reason,
-            in_route_of=in_route_of,
-            given_at=self._given_at.get(number, 0),
-            has_truth=self._has_truth,
-        )
+        holders: dict[ItemKey, list[str]] = {}
+        for robot in self._ids:
+            for key in self._routes[robot] if robot in present else ():
+                holders.setdefault(key, []).append(robot)
+        for keys in self._assigned.values():
+            for key in keys:
+                in_route_of = tuple(holders.get(key, ()))
+                yield msgspec.structs.replace(self._places[key], in_route_of=in_route_of)
 
 
-def _unknown_place(verb: str, place: ItemKey | VisitReport | ItemGivenUp) -> str:
-    return f"{verb} place {place.number} of {short_repr(place.owner)}, which does not exist"
+def _unknown_place(verb: str, key: ItemKey) -> str:
+    return f"{verb} place {key.number} of {short_repr(key.owner)}, which does not exist"
 
 
 _ROBOT_VALUES: Final = ("places_total", "places_done", "places_claimed", "places_given_up", "completion_s")
@@ -311,10 +288,8 @@ def place_values(places: Sequence[PlaceOutcome], *, has_truth: bool = True) -> d
     verdicts = Counter(place.verdict for place in places)
     reported = [place.reported_at for place in places if place.reported_at is not None]
     settled = [place.settled_at for place in places if place.settled_at is not None]
-    done, last = (
-        verdicts[PlaceVerdict.DONE] if has_truth else len(reported),
-        in_seconds(max(reported, default=0)),
-    )
+    done = verdicts[PlaceVerdict.DONE] if has_truth else len(reported)
+    last = in_seconds(max(reported, default=0))
     return {
         "places_total": len(places),
         "places_done": done if has_truth else None,

@@ -147,7 +147,7 @@ class Bodies:
         """The real floor, with what is missing on the map."""
         self.floor_record = FloorRecord()
         poses = [Pose(*robot.start) for robot in setup.robots]
-        self._names = names = [robot.id for robot in setup.robots]
+        self._names = names = setup.ids
         self.people: tuple[PersonTruth, ...] = ()
         """Positions and velocities of all people."""
         self._has_people = setup.has_people
@@ -295,8 +295,8 @@ class Bodies:
         due = [i for i, period in enumerate(self._periods) if period in ending]
         poses = self._arena.poses
         obstacles = self._arena.discs if self._has_people else self._arena.obstacles
-        for index, ranges in zip(due, self._sensors.encoded_scans(due, poses, obstacles), strict=True):
-            self._scans[index].append(Scan(now, ranges))
+        for index, ranges in zip(due, self._sensors.scan(due, poses, obstacles), strict=True):
+            self._scans[index].append(Scan(now, ranges.astype("<u2", copy=False).tobytes()))
 
     def _cache_states(self) -> None:
         """Convert the states to lists once per step, as reading arrays item by item is slow."""

@@ -40,28 +40,21 @@ def load_setup(path: Path) -> WorldProgram:
 def build(setup: WorldSetup) -> WorldCore:
     """Return the core of a world and its judge."""
     task, bodies, participants = load_task(setup.task.use), Bodies(setup), Participants(setup.robots)
-    return WorldCore(setup, bodies, participants, task, _judge(setup, task, bodies, participants))
+    judge_setup = JudgeSetup(
+        robots=setup.ids,
+        items={robot.id: decode_items(task, robot.items) for robot in setup.robots},
+        settings=decode(task.settings, setup.task.settings, setup.task.declaration.table),
+        grid=bodies.grid,
+        seed=setup.world_seed,
+        duration_us=setup.duration_us,
+        world=JudgedWorld(task, bodies, participants),
+    )
+    return WorldCore(setup, bodies, participants, task, CheckedJudge(task, judge_setup))
 
 
 def initial_marks(setup: WorldSetup) -> tuple[ItemMark, ...]:
     """Return the items that the task's judge shows at the start of a run."""
-    judge = _judge(setup, load_task(setup.task.use), Bodies(setup), Participants(setup.robots))
-    return judge.take_changes()[0]
-
-
-def _judge(setup: WorldSetup, task: Task, bodies: Bodies, participants: Participants) -> CheckedJudge:
-    return CheckedJudge(
-        task,
-        JudgeSetup(
-            robots=tuple(robot.id for robot in setup.robots),
-            items={robot.id: decode_items(task, robot.items) for robot in setup.robots},
-            settings=decode(task.settings, setup.task.settings, setup.task.declaration.table),
-            grid=bodies.grid,
-            seed=setup.world_seed,
-            duration_us=setup.duration_us,
-            world=JudgedWorld(task, bodies, participants),
-        ),
-    )
+    return build(setup).judge.take_changes()[0]
 
 
 class JudgedWorld:

@@ -58,21 +58,6 @@ class RangeSensors:
 
         `poses`: (n, 3) of all robots; `obstacles`: (m, 3) x, y, radius; m, rad, map frame.
         """
-        report, bounds = self._report(due, poses, obstacles)
-        return [report[begin:end] for begin, end in pairwise(bounds)]
-
-    def encoded_scans(
-        self, due: Sequence[int], poses: NDArray[np.float64], obstacles: NDArray[np.float64]
-    ) -> list[bytes]:
-        """Return the scans as in messages: (rays,) little-endian uint16."""
-        report, bounds = self._report(due, poses, obstacles)
-        whole = report.astype("<u2", copy=False).tobytes()
-        return [whole[2 * begin : 2 * end] for begin, end in pairwise(bounds)]
-
-    def _report(
-        self, due: Sequence[int], poses: NDArray[np.float64], obstacles: NDArray[np.float64]
-    ) -> tuple[NDArray[np.uint16], list[int]]:
-        """Return all scans concatenated, and their bounds."""
         robots = np.array(due, np.int64)
         rays = self._sensors["rays"][robots]
         ends = rays.cumsum()
@@ -88,7 +73,7 @@ class RangeSensors:
         if self._dropout:
             for robot, (begin, end) in zip(due, pairwise(bounds), strict=True):
                 report[begin:end][self._dropouts[robot].random(end - begin) < self._dropout] = NO_ECHO_MM
-        return report, bounds
+        return [report[begin:end] for begin, end in pairwise(bounds)]
 
 
 def _sensors(sensors: Sequence[RangeSensor]) -> tuple[NDArray[np.void], NDArray[np.float64]]:

@@ -67,6 +67,11 @@ class WorldSetup(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         return sum(len(robot.items) for robot in self.robots) if is_work else 0
 
     @property
+    def ids(self) -> tuple[str, ...]:
+        """The robots' ids, in order."""
+        return tuple(robot.id for robot in self.robots)
+
+    @property
     def has_people(self) -> bool:
         """True if people walk about the floor."""
         return self.people is not msgspec.UNSET

@@ -25,6 +25,7 @@ from actors.settings import ParameterError, Settings, Text
 from actors.task.loading import decode_items, load_task, task_entry, task_setup
 from actors.world.world_setup import BodySetup, WorldSetup
 from cleaning.strategies import entry
+from deploy.scenario.events import area_repetition_fault, repetition_fault
 from deploy.scenario.resolve import Swarm
 from deploy.scenario.tables import ConductTable, RobotId, Seed, StepMs, SwarmFile, decode_swarm_file
 from firmware_bridge.beeclick.answer_decoder import power_setting
@@ -197,10 +198,11 @@ def parse_fleet(text: str, path: Path) -> Fleet:
 
 def _fault(file: _FleetFile) -> str | None:
     """Return the first inconsistency between tables, in words; None if there is none."""
+    ids = [robot.id for robot in file.robot]
+    if fault := repetition_fault(ids, "robot[{}].id", "each robot must have its own id"):
+        return fault
     for index, robot in enumerate(file.robot):
         key, earlier = f"robot[{index}]", file.robot[:index]
-        if robot.id in {one.id for one in earlier}:
-            return f'{key}.id is a second "{robot.id}"; each robot must have its own id'
         for one in earlier:
             if one.address == robot.address:
                 return (
@@ -211,11 +213,7 @@ def _fault(file: _FleetFile) -> str | None:
         for name, port in (("base", robot.base), ("radio", robot.radio), ("range", robot.range)):
             if port is not None and (other := used_ports.setdefault(port, name)) != name:
                 return f'{key}.{name}: "{port}" is the port of {other}, too; each device has its own port'
-    names = [area.name for area in file.area]
-    for index, name in enumerate(names):
-        if name in names[:index]:
-            return f'area[{index}].name is a second "{name}"; each area must have its own name'
-    return None
+    return area_repetition_fault(file)
 
 
 def _task_fault(file: _FleetFile, content: Mapping[str, Any]) -> str | None:

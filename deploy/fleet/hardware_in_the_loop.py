@@ -96,7 +96,7 @@ def run(scenario: Scenario, options: RunOptions, launcher: Launcher | None = Non
 
 def _without_board(plan: RunPlan, boards: tuple[str, ...]) -> tuple[str, ...]:
     """Return the robots with a simulated transceiver; `boards`: robots with a board, () = all."""
-    robots = [robot.id for robot in plan.world.robots]
+    robots = plan.world.ids
     if unknown := [robot for robot in boards if robot not in robots]:
         raise wrong_value("--board", unknown[0], f"a robot of the scenario: {', '.join(robots)}")
     return tuple(robot for robot in robots if boards and robot not in boards)

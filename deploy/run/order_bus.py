@@ -3,7 +3,7 @@
 import contextlib
 import secrets
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from types import MappingProxyType
 from typing import Final
@@ -23,24 +23,6 @@ from actors.runtime.isolation import credentials, rules
 from actors.runtime.zenoh_bus import open_mesh
 
 
-def _number_parser(create: Callable[..., Order], count: int) -> Callable[[Sequence[str]], Order]:
-    def order(words: Sequence[str]) -> Order:
-        values = [float(word) for word in words]
-        if len(values) != count:
-            raise ValueError
-        return create(*values)
-
-    return order
-
-
-def _robot_parser(create: Callable[[str], Order]) -> Callable[[Sequence[str]], Order]:
-    def order(words: Sequence[str]) -> Order:
-        (robot,) = words
-        return create(robot)
-
-    return order
-
-
 def _parse_factor(word: str) -> float:
     factor = 0.0 if word == "max" else float(word)
     if factor == 0 and word != "max":
@@ -48,44 +30,35 @@ def _parse_factor(word: str) -> float:
     return factor
 
 
-def _parse_lose(words: Sequence[str]) -> Order:
-    robot, sender = words
-    return orders.LoseFrame(robot, sender)
-
-
-def _parse_move(words: Sequence[str]) -> Order:
-    robot, *pose = words
-    return _number_parser(lambda x, y, heading: orders.Move(robot, x, y, heading), 3)(pose)
-
-
-def _parse_give(words: Sequence[str]) -> Order:
-    robot, *item = words
+def _parse_give(robot: str, *item: str) -> Order:
     if len(item) == 2:
         with contextlib.suppress(ValueError):
             return orders.ItemAssignment(robot, ((float(item[0]), float(item[1])),))
     return orders.ItemAssignment(robot, (msgspec.json.decode(" ".join(item)),))
 
 
-_VERB_SYNTAX: Final[Mapping[str, tuple[str, Callable[[Sequence[str]], Order]]]] = MappingProxyType({
-    "kill": ("ROBOT", _robot_parser(orders.Kill)),
-    "freeze": ("ROBOT", _robot_parser(orders.Freeze)),
-    "thaw": ("ROBOT", _robot_parser(orders.Thaw)),
-    "restart": ("ROBOT", _robot_parser(orders.Restart)),
-    "move": ("ROBOT X Y HEADING", _parse_move),
-    "jam": ("X Y RADIUS SECONDS", _number_parser(lambda x, y, r, s: orders.StartJam(x, y, r, seconds(s)), 4)),
-    "lose": ("ROBOT SENDER", _parse_lose),
-    "obstacle": ("X Y RADIUS", _number_parser(orders.Obstacle, 3)),
-    "wall": ("X Y TO_X TO_Y", _number_parser(orders.Wall, 4)),
+_NAMES: Final = ("ROBOT", "SENDER")
+"""Arguments that are no numbers."""
+_VERB_SYNTAX: Final[Mapping[str, tuple[str, Callable[..., Order]]]] = MappingProxyType({
+    "kill": ("ROBOT", orders.Kill),
+    "freeze": ("ROBOT", orders.Freeze),
+    "thaw": ("ROBOT", orders.Thaw),
+    "restart": ("ROBOT", orders.Restart),
+    "move": ("ROBOT X Y HEADING", orders.Move),
+    "jam": ("X Y RADIUS SECONDS", lambda x, y, radius, s: orders.StartJam(x, y, radius, seconds(s))),
+    "lose": ("ROBOT SENDER", orders.LoseFrame),
+    "obstacle": ("X Y RADIUS", orders.Obstacle),
+    "wall": ("X Y TO_X TO_Y", orders.Wall),
     "give": ("ROBOT X Y|JSON", _parse_give),
-    "close": ("X Y", _number_parser(orders.CloseDoor, 2)),
-    "open": ("X Y", _number_parser(orders.OpenDoor, 2)),
-    "pause": ("", _number_parser(orders.Pause, 0)),
-    "resume": ("", _number_parser(orders.Resume, 0)),
-    "step": ("[N]", lambda words: orders.Step(int(*words) if words else 1)),
-    "speed": ("X|max", lambda words: orders.Speed(_parse_factor(*words))),
-    "stop": ("", _number_parser(orders.Stop, 0)),
+    "close": ("X Y", orders.CloseDoor),
+    "open": ("X Y", orders.OpenDoor),
+    "pause": ("", orders.Pause),
+    "resume": ("", orders.Resume),
+    "step": ("[N]", lambda steps=1: orders.Step(int(steps))),
+    "speed": ("X|max", lambda factor: orders.Speed(_parse_factor(factor))),
+    "stop": ("", orders.Stop),
 })  # fmt: skip
-"""Arguments and parser of each verb."""
+"""Arguments of each verb, and a function of their values that returns the order."""
 VERBS: Final = tuple(_VERB_SYNTAX)
 
 
@@ -98,15 +71,23 @@ def parse(verb: str, words: Sequence[str]) -> Order:
     """Parse an order. Raises OptionError."""
     if verb not in _VERB_SYNTAX:
         raise wrong_value("VERB", verb, f"one of: {syntax()}")
-    arguments, read = _VERB_SYNTAX[verb]
+    arguments, create = _VERB_SYNTAX[verb]
     try:
-        order = read(words)
+        order = create(*_values(arguments.split(), words))
     except (ValueError, TypeError, OverflowError, RecursionError):  # too many words, or infinite seconds
         expected = f"{verb} {arguments}".strip()
         raise wrong_value("VERB", " ".join([verb, *words]), f"like {expected}") from None
     if fault := order_fault(order, OrderLimits()):
         raise OptionError(fault)
     return order
+
+
+def _values(arguments: Sequence[str], words: Sequence[str]) -> Iterable[str | float]:
+    """Return the words of an order, with numbers parsed. Raises ValueError."""
+    if any(not set("[|").isdisjoint(argument) for argument in arguments):
+        return words  # optional or alternative arguments
+    pairs = zip(arguments, words, strict=True)
+    return [word if argument in _NAMES else float(word) for argument, word in pairs]
 
 
 def send(out: Path, order: Order, *, patience_s: float = 10.0) -> str | None:

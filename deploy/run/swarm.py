@@ -7,7 +7,7 @@ import re
 import signal
 import sys
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
@@ -103,8 +103,9 @@ def started_hosts(plan: RunPlan, pool: "HostPool | None") -> Iterator["RunHosts 
     from deploy.hosts.allocation import distribute_robots  # noqa: PLC0415
     from deploy.hosts.run_hosts import HostSettings, RunHosts  # noqa: PLC0415
 
-    robots = [robot.id for robot in plan.world.robots]
-    robots_by_host = distribute_robots(robots, {name: offer.cores for name, offer in pool.offers.items()})
+    robots_by_host = distribute_robots(
+        plan.world.ids, {name: offer.cores for name, offer in pool.offers.items()}
+    )
     shared = HostSettings(
         out=plan.out,
         spawn=plan.options.spawn,
@@ -262,7 +263,7 @@ def run(scenario: Scenario, options: RunOptions, launcher: Launcher | None = Non
         items += sum(len(order.items) for order in given if isinstance(order, ItemAssignment))
         words = prepared.world.task.declaration
         quiet = options.json or prepared.debug is not None  # the debugger uses the terminal
-        check_names(options.log, [robot.id for robot in prepared.world.robots], "--log")
+        check_names(options.log, prepared.world.ids, "--log")
         with (
             progress.show_progress(prepared.world.duration_us, items, words, quiet=quiet) as follow,
             printing_new_lines(options.out, options.log) as look,
@@ -289,7 +290,7 @@ def plan(scenario: Scenario, options: RunOptions, hosts_fault: str | None = None
     memory = options.bus == "memory"
     choice = IsolationChoice(False) if memory else choose_isolation(options.isolate, elsewhere=hosts_fault)
     resolved = resolve(scenario)
-    _check_followed(resolved, options)
+    _check_robots("--robot", options.followed, resolved.world.ids)
     planned = RunPlan(
         **{one.name: getattr(resolved, one.name) for one in fields(Swarm)},
         options=options,
@@ -308,19 +309,16 @@ def plan(scenario: Scenario, options: RunOptions, hosts_fault: str | None = None
     return planned
 
 
-def _check_followed(resolved: ResolvedScenario, options: RunOptions) -> None:
-    robots = [robot.id for robot in resolved.world.robots]
-    for robot in options.followed:
-        if robot not in robots:
-            raise wrong_value("--robot", robot, f"one of {', '.join(robots)}")
+def _check_robots(option: str, robots: Iterable[str], known: Sequence[str]) -> None:
+    for robot in robots:
+        if robot not in known:
+            raise wrong_value(option, robot, f"one of {', '.join(known)}")
 
 
 def _debugged_robot(resolved: ResolvedScenario, options: RunOptions) -> DebuggedRobot | None:
     if options.debug is None:
         return None
-    robots = [robot.id for robot in resolved.world.robots]
-    if options.debug not in robots:
-        raise wrong_value("--debug", options.debug, f"one of {', '.join(robots)}")
+    _check_robots("--debug", [options.debug], resolved.world.ids)
     return DebuggedRobot(options.debug, "" if options.bus == "memory" else os.ttyname(0))
 
 

@@ -17,7 +17,7 @@ from actors.task.loading import decode_items, load_task
 from actors.task.task import Task
 from actors.wording import toml_text
 from actors.world.world_setup import TimedOrder
-from deploy.scenario.tables import AreaTable, EventTable, PeopleTable, Scenario
+from deploy.scenario.tables import AreaTable, EventTable, PeopleTable, Scenario, SwarmFile
 
 
 def robot_fault(scenario: Scenario) -> str | None:
@@ -29,14 +29,11 @@ def robot_fault(scenario: Scenario) -> str | None:
 
 
 def _id_fault(scenario: Scenario) -> str | None:
-    seen: set[str] = set()
-    for index, robot in enumerate(scenario.robot):
-        if robot.id not in scenario.ids:
-            return f'robot[{index}].id is "{robot.id}", but must be {known_robots(scenario)}'
-        if robot.id in seen:
-            return f'robot[{index}].id is a second "{robot.id}"; give each robot one table'
-        seen.add(robot.id)
-    return None
+    ids = [robot.id for robot in scenario.robot]
+    for index, robot in enumerate(ids):
+        if robot not in scenario.ids:
+            return f'robot[{index}].id is "{robot}", but must be {known_robots(scenario)}'
+    return repetition_fault(ids, "robot[{}].id", "give each robot one table")
 
 
 def _task_fault(scenario: Scenario) -> str | None:
@@ -63,12 +60,11 @@ def known_robots(scenario: Scenario) -> str:
 
 def area_fault(scenario: Scenario) -> str | None:
     """Return an error in the areas or their use, without a full stop; None if valid."""
+    _, settings = scenario_task(scenario)
     return (
-        _repetition_fault(
-            [area.name for area in scenario.area], "area[{}].name", "each area must have its own name"
-        )
+        area_repetition_fault(scenario)
         or _area_name_fault(scenario.robots.areas, "robots.areas", scenario)
-        or _area_name_fault(_task_area_names(scenario), f"{scenario.table}.areas", scenario)
+        or _area_name_fault(getattr(settings, "areas", None), f"{scenario.table}.areas", scenario)
         or (_people_fault(scenario, scenario.people) if scenario.people is not None else None)
     )
 
@@ -93,12 +89,7 @@ def people_area_tables(scenario: Scenario) -> tuple[AreaTable, ...]:
 def start_areas(scenario: Scenario) -> tuple[Area, ...] | None:
     """Return the areas in which starts are drawn; None: on all free floor."""
     names = scenario.robots.areas
-    return None if names is None else areas_named(tuple(table.area for table in scenario.area), names)
-
-
-def _task_area_names(scenario: Scenario) -> Sequence[str] | None:
-    """Return the areas that the task's settings name under `areas`."""
-    return getattr(scenario_task(scenario)[1], "areas", None)
+    return None if names is None else areas_named(scenario.areas, names)
 
 
 def item_area_tables(scenario: Scenario) -> tuple[AreaTable, ...]:
@@ -109,7 +100,7 @@ def item_area_tables(scenario: Scenario) -> tuple[AreaTable, ...]:
 
 def check_areas(grid: OccupancyGrid, scenario: Scenario) -> None:
     """Raise AcrcError if an area contains no free floor."""
-    for index, area in enumerate(table.area for table in scenario.area):
+    for index, area in enumerate(scenario.areas):
         if not has_free_floor(grid, area):
             raise AcrcError(
                 f"area[{index}] {toml_text(area.name)} spans x {area.x0:g} to {area.x1:g} and"
@@ -129,10 +120,16 @@ def _area_name_fault(names: Sequence[str] | None, key: str, scenario: Scenario) 
             return f"{key}[{index}] is {toml_text(name)}, which is not an area; did you mean {nearest}?"
         expected = f"one of {', '.join(map(toml_text, known))}" if known else "the name of an [[area]]"
         return f"{key}[{index}] is {toml_text(name)}, but must be {expected}"
-    return _repetition_fault(names or (), f"{key}[{{}}]", "name each area once")
+    return repetition_fault(names or (), f"{key}[{{}}]", "name each area once")
 
 
-def _repetition_fault(names: Sequence[str], key: str, rule: str) -> str | None:
+def area_repetition_fault(file: SwarmFile) -> str | None:
+    """Return an error for a repeated name of an area."""
+    names = [area.name for area in file.area]
+    return repetition_fault(names, "area[{}].name", "each area must have its own name")
+
+
+def repetition_fault(names: Sequence[str], key: str, rule: str) -> str | None:
     """Return an error for a repeated name; `key` has a placeholder for its index."""
     for index, name in enumerate(names):
         if name in names[:index]:

@@ -263,7 +263,7 @@ def starts(
             continue
         point = _draw_start(grid, spec, scenario, taken, floor)
         taken.append(point)
-        poses[spec.id] = (*_rounded_to_mm(point), 0.0)
+        poses[spec.id] = (round(point.x, 3), round(point.y, 3), 0.0)
     return [poses[spec.id] for spec in specs]
 
 
@@ -356,7 +356,7 @@ def _items(
         radius=spec.radius,
         grid=grid,
         map=scenario.map,
-        areas=tuple(table.area for table in scenario.area),
+        areas=scenario.areas,
         generator=partial(generator, scenario.run.seed_of("placement")),
     )
     return task.draw(settings, placing)
@@ -365,8 +365,3 @@ def _items(
 def _plain(items: Sequence[Any]) -> tuple[Any, ...]:
     """Return items as in a file, where structs are lists."""
     return tuple(tuple(one) if isinstance(one, list) else one for one in map(to_builtins, items))
-
-
-def _rounded_to_mm(point: Point) -> tuple[float, float]:
-    """Round to mm, for a readable scenario file."""
-    return round(point.x, 3), round(point.y, 3)

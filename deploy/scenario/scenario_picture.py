@@ -33,7 +33,7 @@ def draw_scenario(found: ScenarioSurvey) -> Figure:
     """Return the picture of a scenario."""
     figure, axes = _floor_figure(found)
     world = found.resolved.world
-    few = glyphs.is_small_swarm([body.id for body in world.robots])
+    few = glyphs.is_small_swarm(world.ids)
     if few:
         _draw_radio(axes, found)
     for index, body in enumerate(world.robots):
@@ -47,10 +47,10 @@ def draw_scenario(found: ScenarioSurvey) -> Figure:
                 body.id, (x, y), xytext=(6, 6), textcoords="offset points", color=colour, zorder=9,
                 fontweight="bold",
             )  # fmt: skip
-    symbols, ids = glyphs.item_marks(world.task.declaration), [body.id for body in world.robots]
+    symbols = glyphs.item_marks(world.task.declaration)
     items = initial_marks(world)
     for mark in items:
-        colour = style.robot_colour(ids, mark.owner, mark.by)
+        colour = style.robot_colour(world.ids, mark.owner, mark.by)
         if mark.key in found.out_of_reach:
             axes.plot(mark.x, mark.y, marker="X", ms=8.0, mfc="w", mec=colour, mew=1.3, zorder=5)
         elif mark.state in symbols:

@@ -251,7 +251,12 @@ class SwarmFile(Settings, frozen=True, kw_only=True):
     @property
     def adaptation(self) -> Adaptation:
         """Strategy settings and exchange of every robot."""
-        return Adaptation(dict(self.strategy), self.deeco, tuple(table.area for table in self.area))
+        return Adaptation(dict(self.strategy), self.deeco, self.areas)
+
+    @property
+    def areas(self) -> tuple[Area, ...]:
+        """The named areas."""
+        return tuple(table.area for table in self.area)
 
     @property
     def stack(self) -> Stack:
