@@ -137,11 +137,11 @@ def _route_fault(route: object, limits: TaskLimits) -> str | None:
         return f"has the route {short_repr(route)}; must be a tuple of ItemKey, or None"
     if len(route) > limits.route:
         return f"has a route of {len(route)} items; the limit is {limits.route}"
-    seen: set[tuple[str, int]] = set()
+    seen: set[ItemKey] = set()
     for item in route:
         if not isinstance(item, ItemKey):
             return f"has {short_repr(item)} in its route; must be an ItemKey"
-        if (item.owner, item.number) in seen:
+        if item in seen:
             return f"has item {item.number} of {short_repr(item.owner)} twice in its route; must be unique"
-        seen.add((item.owner, item.number))
+        seen.add(item)
     return None

@@ -234,7 +234,7 @@ def entry_object(entry: str, kind: str, error: type[AcrcError], example: str) ->
     except ModuleNotFoundError as fault:
         missing = fault.name or module_name
         if module_name != missing and not module_name.startswith(f"{missing}."):
-            if _is_installed(missing):
+            if importlib.util.find_spec(missing.partition(".")[0]) is not None:
                 raise  # the module exists, but imports a missing submodule of an installed package
             raise error(
                 f"{kind} {entry!r}: {module_name} imports {missing!r}, which is not installed; "
@@ -253,7 +253,3 @@ def entry_object(entry: str, kind: str, error: type[AcrcError], example: str) ->
         did_you_mean = example.rpartition(":")[2]
         raise error(f"{kind} {entry!r}: module {module_name!r} has no {name!r}; did you mean {did_you_mean}?")
     return found
-
-
-def _is_installed(module: str) -> bool:
-    return importlib.util.find_spec(module.partition(".")[0]) is not None

@@ -117,7 +117,9 @@ def _send_order(endpoints: list[str], keys: Path, order: Order, *, json: bool) -
         if one.failure:
             print(f"acrc: {one.endpoint}: {one.failure}", file=sys.stderr)
     lines = [
-        f"acrc: {one.endpoint}: {operator_station.state_after(order)}" for one in answers if not one.failure
+        f"acrc: {one.endpoint}: {operator_station.STATE_AFTER[type(order)]}"
+        for one in answers
+        if not one.failure
     ]
     answer(lines, [{"endpoint": one.endpoint, "failure": one.failure} for one in answers], json=json)
     _exit_now(1 if any(one.failure for one in answers) else 0)

@@ -295,7 +295,7 @@ class WorldCore:
         return Output(member.senses, senses)
 
     def _close(self, inputs: Inputs) -> Sequence[Output]:
-        transmits = {member.id: 0 for member in self._participants.members}
+        transmits: dict[str, int] = {}
         estimates: dict[int, tuple[float, float, float]] = {}
         begin, end = self.instant, self.instant + self._setup.step_us
         for member in self._participants.members_in(BarrierState.STEPPING):
@@ -308,7 +308,7 @@ class WorldCore:
             if drive.pose is not None:
                 estimates[member.index] = drive.pose
             transmits[member.id] = drive.transmits
-        truths = [self._truth(member, transmits[member.id]) for member in self._participants.members]
+        truths = [self._truth(member, transmits.get(member.id, 0)) for member in self._participants.members]
         for robot, pose in estimates.items():
             self._pose_errors[robot].add(pose, truths[robot])
         self._phase = WorldPhase.MOVE

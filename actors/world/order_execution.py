@@ -167,7 +167,7 @@ class Orders:
     def _give(self, member: Member, order: ItemAssignment) -> None:
         """Give items; the robot's process receives them with its next SensorData."""
         items = decode_items(self._task, order.items, "give.items")
-        check_room(member, items, self._limits)
+        check_room(member, items)
         if fault := self._judge.give(self._now, member.id, items):
             raise AcrcError(fault)
         member.given_items += items
@@ -223,12 +223,12 @@ class Orders:
         return f"at {in_seconds(self._now):g} s"
 
 
-def check_room(member: Member, items: Sequence[Any], limits: OrderLimits) -> None:
+def check_room(member: Member, items: Sequence[Any]) -> None:
     """Raise AcrcError if a robot cannot be given so many further items."""
-    if len(member.given_items) + len(items) > limits.items:
+    if len(member.given_items) + len(items) > OrderLimits.items:
         raise AcrcError(
             f"{member.id} has been given {len(member.given_items)} items since the start; "
-            f"the limit is {limits.items}"
+            f"the limit is {OrderLimits.items}"
         )
 
 

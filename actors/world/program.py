@@ -8,7 +8,6 @@ from typing import Any, Final
 import msgspec
 
 from actors.floor import raster
-from actors.message_limits import OrderLimits
 from actors.messages import PROGRESS, ItemMark
 from actors.portable import arrays, draws, foundations, hypot
 from actors.runtime.core import Bus, Pace, interval_timer, to
@@ -82,7 +81,7 @@ class JudgedWorld:
         """Send further items to the robot with its next SensorData."""
         member = self._participants[robot]
         decode_items(self._task, msgspec.to_builtins(items))
-        check_room(member, items, OrderLimits())
+        check_room(member, items)
         member.given_items += tuple(items)
 
 

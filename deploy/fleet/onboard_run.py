@@ -137,13 +137,9 @@ class OnboardSupervisor(Supervisor):
     def _start(self, name: str) -> None:
         number = self._count[name]
         self._count[name] += 1
-        if name == layout.BASE:
-            program = layout.base_program(self._onboard, number)
-        elif name == layout.BRIDGE:
-            program = layout.bridge_program(self._onboard, number)
-        else:
-            program = layout.onboard_robot_program(self._onboard, number)
-        self.start([program])
+        programs = {layout.BASE: layout.base_program, layout.BRIDGE: layout.bridge_program}
+        program = programs.get(name, layout.onboard_robot_program)
+        self.start([program(self._onboard, number)])
         self._current[name] = self._children[-1]
 
     def _report_losses(self) -> None:

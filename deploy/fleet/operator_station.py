@@ -77,12 +77,12 @@ class OrderResult:
     """Why the order is not confirmed; None: the robot confirmed it."""
 
 
-_STATE_AFTER = {Stop: "stopped", Pause: "paused until resumed", Resume: "resumed"}
-
-
-def state_after(order: Order) -> str:
-    """Return the robot's state after the order, in words."""
-    return _STATE_AFTER[type(order)]
+STATE_AFTER: Final[Mapping[type[Order], str]] = {
+    Stop: "stopped",
+    Pause: "paused until resumed",
+    Resume: "resumed",
+}
+"""The robot's state after each order, in words."""
 
 
 def send_order(endpoints: Sequence[str], keys: Path, order: Order) -> list[OrderResult]:

@@ -174,7 +174,10 @@ def timed_orders(scenario: Scenario) -> tuple[TimedOrder, ...]:
 
 
 def _timed_order(event: EventTable) -> TimedOrder:
-    return TimedOrder(seconds(event.at), _order(event))
+    action = action_of(event)
+    further_keys, order = _ACTIONS[action]
+    values = [getattr(event, name) for name in (action, *further_keys)]
+    return TimedOrder(seconds(event.at), order(*values))
 
 
 def action_of(event: EventTable) -> str:
@@ -214,9 +217,10 @@ def _robot_fault(event: EventTable, scenario: Scenario) -> str | None:
 
 
 def _instant_fault(event: EventTable, scenario: Scenario) -> str | None:
-    if _step_start(event, scenario) < seconds(scenario.run.duration):
+    step, duration = milliseconds(scenario.run.step_ms), seconds(scenario.run.duration)
+    if _step_start(event, scenario) < duration:
         return None
-    last = in_seconds(_last_step(scenario))
+    last = in_seconds(Instant(math.ceil(duration / step - 1) * step))
     return f".at is {event.at:g}, but must be from 0 to {last:g} s, where the last step begins"
 
 
@@ -265,14 +269,3 @@ def _step_start(event: EventTable, scenario: Scenario) -> Instant:
     """Return the first step boundary not before the event."""
     step = milliseconds(scenario.run.step_ms)
     return Instant(_timed_order(event).step(step) * step)
-
-
-def _last_step(scenario: Scenario) -> Instant:
-    step = milliseconds(scenario.run.step_ms)
-    return Instant(math.ceil(seconds(scenario.run.duration) / step - 1) * step)
-
-
-def _order(event: EventTable) -> Order:
-    action = action_of(event)
-    further_keys, order = _ACTIONS[action]
-    return order(*(getattr(event, name) for name in (action, *further_keys)))

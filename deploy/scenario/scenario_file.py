@@ -258,11 +258,16 @@ def map_title(name: str) -> str:
 
 def is_scenario(path: Path) -> bool:
     """Return whether a file is a scenario; False if it cannot be read."""
-    try:
-        content = toml_tables(read_text(path, "scenario"), path)
-    except AcrcError:
-        return False
+    content = readable_tables(path)
     return "map" in content and not is_study(content)
+
+
+def readable_tables(path: Path) -> Mapping[str, Any]:
+    """Return the tables of a TOML file; none if it cannot be read."""
+    try:
+        return toml_tables(read_text(path, "TOML"), path)
+    except AcrcError:
+        return {}
 
 
 def is_study(content: Mapping[str, Any]) -> bool:

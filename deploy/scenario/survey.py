@@ -37,13 +37,11 @@ from actors.robot.navigation.planning import narrowest_door, planning_grid
 from actors.robot.navigation.potential import IMPASSABLE, descent, potential
 from actors.robot.sweep import Sweep
 from actors.robot_model import RobotModel, load_model
-from actors.runtime.errors import AcrcError
-from actors.settings import read_text, toml_tables
 from actors.task.loading import load_task
 from actors.world.sensing import RangeSensors
 from actors.world.world_setup import BodySetup
 from deploy.scenario.resolve import ResolvedScenario
-from deploy.scenario.scenario_file import map_title
+from deploy.scenario.scenario_file import map_title, readable_tables
 
 _CYCLE_US: Final = 200_000
 _TRIAL_US: Final = 60_000_000
@@ -104,6 +102,11 @@ class _Floor:
     def radius(self, robot: BodySetup) -> float:
         """Return the radius of the robot's body, m."""
         return self.model(robot.model, robot.sensor).footprint.circumradius
+
+    @property
+    def largest_radius(self) -> float:
+        """Largest radius of a robot's body, m."""
+        return max(map(self.radius, self.robots))
 
     def room(self, robot: BodySetup) -> _RobotFloor:
         """Return the floor on which the robot's body fits."""
@@ -210,8 +213,8 @@ def _item_warnings(floor: _Floor) -> Iterator[str]:
         needed = floor.room(robot).clearance
         for index, at in floor.resolved.points(robot):
             key, noun = ItemKey(robot.id, index), floor.resolved.world.task.declaration.item
-            gap, name = floor.grid.clearance_at(at, needed), f"{robot.id}/{index}"
-            wall = f"{noun} {name} is {gap:.2f} m from a wall; {floor.preset} needs {_rounded_up(needed)} m"
+            gap = floor.grid.clearance_at(at, needed)
+            wall = f"{noun} {key} is {gap:.2f} m from a wall; {floor.preset} needs {_rounded_up(needed)} m"
             if key not in floor.unreached:
                 if gap < floor.radius(robot):
                     yield (
@@ -224,7 +227,7 @@ def _item_warnings(floor: _Floor) -> Iterator[str]:
                 part = int(floor.room(robot).parts[cell])
                 path = floor.radius(robot), floor.starts[robot.id] or robot.id, part
                 reason = obstacles.get(path) or obstacles.setdefault(path, _bottleneck(floor, robot, cell))
-                items_by_reason.setdefault(reason, []).append(name)
+                items_by_reason.setdefault(reason, []).append(str(key))
     for reason, names in items_by_reason.items():
         yield f"{reason} to {_item_names(floor.resolved, names)}"
 
@@ -267,7 +270,7 @@ def _width(grid: OccupancyGrid, row: int, column: int) -> float:
 def _door_warnings(floor: _Floor) -> Iterator[str]:
     """Yield a warning if items are unreachable behind doors that no event reopens."""
     grid = floor.resolved.grid
-    doors = Doorways(grid, max(map(floor.radius, floor.robots)))
+    doors = Doorways(grid, floor.largest_radius)
     closed: dict[int, float] = {}
     for event in sorted(floor.resolved.scenario.event, key=lambda one: one.at):
         if event.close is not None:
@@ -374,9 +377,9 @@ class ScenarioSurvey(MapSurvey):
 def survey(resolved: ResolvedScenario) -> ScenarioSurvey:
     """Survey a scenario. Raises AcrcError if a file that it names cannot be read."""
     world, grid = resolved.world, resolved.grid
-    radii = {body: load_model(body.model, body.sensor).footprint.circumradius for body in world.robots}
-    floors = [reachable(grid, Point(*body.start[:2]), radius) for body, radius in radii.items()]
-    radius, floor = max(radii.values()), _floor(resolved, grid)
+    floor = _floor(resolved, grid)
+    floors = [reachable(grid, Point(*body.start[:2]), floor.radius(body)) for body in world.robots]
+    radius = floor.largest_radius
     return ScenarioSurvey(
         name=map_title(resolved.scenario.map),
         resolved=resolved,
@@ -434,7 +437,7 @@ def _scenario_sentences(found: ScenarioSurvey) -> Sequence[str]:
         lines.append(f"people: {people.count}, walking between {people.between}")
     lines += [
         f"{words.items} {one} and {other} are {apart:.2f} m apart: one visit may do both"
-        for one, other, apart in (pair.values() for pair in facts["close"])
+        for one, other, apart in found.close
     ]
     return [*lines, *(f"warning: {sentence}" for sentence in found.warnings)]
 
@@ -514,11 +517,7 @@ def _map_json(found: MapSurvey) -> dict[str, Any]:
 
 def is_model(path: Path) -> bool:
     """Return whether a file is a robot model; False if it cannot be read."""
-    try:
-        content = read_text(path, "robot model")
-        return "footprint" in toml_tables(content, path)
-    except AcrcError:
-        return False
+    return "footprint" in readable_tables(path)
 
 
 def _model_sentences(model: RobotModel) -> Iterator[str]:

@@ -2,7 +2,7 @@
 
 import json
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from typing import Annotated, Any, Final, TypeVar
 
 from msgspec import Meta, field
@@ -357,7 +357,6 @@ def decode_swarm_file(kind: type[_F], content: Mapping[str, Any]) -> _F:
     task = decode(TaskTable, content.get("task", {}), "task")
     declaration = load_task(task.use).declaration
     table = declaration.table
-    _refuse_internal_keys(content, table)
     named = _with_keys(content, (table, table), _TASK_KEYS)
     run = named.get("run", {})
     if task.use != DEFAULT and isinstance(run, Mapping) and "strategy" not in run:
@@ -374,31 +373,27 @@ def decode_swarm_file(kind: type[_F], content: Mapping[str, Any]) -> _F:
         raise ParameterError(key, error.value, error.expected, sentence) from None
 
 
-def _refuse_internal_keys(content: Mapping[str, Any], table: str) -> None:
-    tables = [("", content), *((f"{key}[{n}].", one) for key, n, one in _item_tables(content))]
-    for where, one in tables:
-        for name in _TASK_KEYS:
-            if name in one and name != table:
-                sentence = f"{where}{name} is not a key; the task's key is {table}"
-                raise ParameterError(f"{where}{name}", one[name], "", sentence)
+def _with_keys(content: Mapping[str, Any], old: tuple[str, str], new: tuple[str, str]) -> dict[str, Any]:
+    """Return content with the keys of the task's table and of items renamed.
 
-
-def _item_tables(content: Mapping[str, Any]) -> Iterator[tuple[str, int, Mapping[str, Any]]]:
-    """Yield the tables that may have items, with their key and index."""
+    Raises ParameterError for a file with one of _TASK_KEYS.
+    """
+    found = _renamed(content, old[0], new[0])
     for key in ("robot", "event"):
-        tables = content.get(key)
+        tables = found.get(key)
         for index, one in enumerate(tables if isinstance(tables, list | tuple) else ()):
             if isinstance(one, Mapping):
-                yield key, index, one
-
-
-def _with_keys(content: Mapping[str, Any], old: tuple[str, str], new: tuple[str, str]) -> dict[str, Any]:
-    """Return content with the keys of the task's table and of items renamed."""
-    found = {new[0] if key == old[0] else key: value for key, value in content.items()}
-    for key, index, one in _item_tables(content):
-        found[key] = [*found[key]]
-        found[key][index] = {new[1] if name == old[1] else name: value for name, value in one.items()}
+                found[key] = [*found[key]]
+                found[key][index] = _renamed(one, old[1], new[1], f"{key}[{index}].")
     return found
+
+
+def _renamed(table: Mapping[str, Any], old: str, new: str, where: str = "") -> dict[str, Any]:
+    for name in _TASK_KEYS if new in _TASK_KEYS else ():
+        if name in table and name != old:
+            sentence = f"{where}{name} is not a key; the task's key is {old}"
+            raise ParameterError(f"{where}{name}", table[name], "", sentence)
+    return {new if name == old else name: value for name, value in table.items()}
 
 
 def to_toml(scenario: Scenario) -> str:
