@@ -76,32 +76,26 @@ class WorldCore:
         self._bodies = bodies
         self._participants = participants
         self._task = task
-        self._judge = judge
+        self.judge = judge
+        """Judge of the task."""
         self._pose_errors = [PoseErrorSum() for _ in setup.robots]
         self._orders = Orders(setup.events, participants, bodies, task, judge)
-        self._step = 0
+        self.step = 0
+        """Number of the current step."""
         self._phase = WorldPhase.ROLL_CALL
-        self._finished = False
+        self.finished = False
+        """True after Truth with `halt` was sent."""
         self._pause_at: int | None = None
         """Step at whose start to pause next."""
-        self._speed: float | None = None
+        self.speed: float | None = None
+        """Last ordered speed, simulated seconds per second; 0: unlimited, None: never ordered."""
         self._awaits_radio = True
         self._restarting = False
 
     @property
-    def step(self) -> int:
-        """Number of the current step."""
-        return self._step
-
-    @property
     def instant(self) -> Instant:
         """Start of the current step."""
-        return Instant(self._step * self._setup.step_us)
-
-    @property
-    def finished(self) -> bool:
-        """True after Truth with `halt` was sent."""
-        return self._finished
+        return Instant(self.step * self._setup.step_us)
 
     @property
     def paused(self) -> bool:
@@ -109,24 +103,14 @@ class WorldCore:
         return self._phase is WorldPhase.PAUSED
 
     @property
-    def speed(self) -> float | None:
-        """Last ordered speed, simulated seconds per second; 0: unlimited, None: never ordered."""
-        return self._speed
-
-    @property
     def opening(self) -> bool:
         """True before the next step begins."""
         return self._phase is WorldPhase.OPEN
 
     @property
-    def judge(self) -> Judge:
-        """Judge of the task."""
-        return self._judge
-
-    @property
     def task_outcome(self) -> TaskOutcome:
         """Outcome of the task so far."""
-        return self._judge.outcome(self._participants.present, self.instant)
+        return self.judge.outcome(self._participants.present, self.instant)
 
     def report(self) -> WorldReport:
         """Return the ground truth so far."""
@@ -136,7 +120,7 @@ class WorldCore:
             contacts=self._bodies.contacts,
             pose_errors={member.id: self._pose_errors[member.index].error() for member in members},
             driven={member.id: round(driven[member.index], 3) for member in members},
-            steps=self._step,
+            steps=self.step,
             refused_orders=self._orders.refused,
             energy={robot: energy for robot, energy in energies.items() if energy is not None},
             **self._bodies.people_contacts,
@@ -174,7 +158,7 @@ class WorldCore:
                 ]
                 return [*robots, at(RADIO_READY)] if self._awaits_radio else robots
             case WorldPhase.OPEN:
-                return [at(AIRED)] if self._step else []
+                return [at(AIRED)] if self.step else []
             case WorldPhase.CLOSE:
                 return [member.drive for member in self._participants.members_in(BarrierState.STEPPING)]
             case WorldPhase.PAUSED:
@@ -190,13 +174,13 @@ class WorldCore:
             self._restarting = False
             return self._send_senses()
         self._phase = WorldPhase.OPEN
-        self._judge.watch(self.instant, self._bodies.positions)
-        return [to(FLOOR_CHANGED, FloorChanged(self._step)), *self._task_changes()]
+        self.judge.watch(self.instant, self._bodies.positions)
+        return [to(FLOOR_CHANGED, FloorChanged(self.step)), *self._task_changes()]
 
     def _admit(self, member: Member, ready: Ready) -> None:
-        if (ready.actor, ready.epoch, ready.step) != (member.id, member.epoch, self._step):
+        if (ready.actor, ready.epoch, ready.step) != (member.id, member.epoch, self.step):
             raise AcrcError(
-                f"step {self._step}: {ready.actor[:_MAX_NAME]} reports ready for step {ready.step} in epoch "
+                f"step {self.step}: {ready.actor[:_MAX_NAME]} reports ready for step {ready.step} in epoch "
                 f"{ready.epoch}; "
                 f"expected {member.id} in epoch {member.epoch}"
             )
@@ -214,18 +198,18 @@ class WorldCore:
     def _open(self, inputs: Inputs) -> Sequence[Output]:
         effects = self._orders.effects
         if self._phase is WorldPhase.OPEN:
-            empty = self._end_step(read(inputs, AIRED)) if self._step else ()
+            empty = self._end_step(read(inputs, AIRED)) if self.step else ()
             self._orders.begin(self.instant, empty)
             effects = self._orders.effects
-            if self._pause_at == self._step:
+            if self._pause_at == self.step:
                 effects.paused, effects.steps = True, 0
         outputs = self._take_orders(inputs) + self._floor_changes() + self._task_changes()
         if effects.speed is not None:
-            self._speed = effects.speed
+            self.speed = effects.speed
         if effects.steps is not None:
-            self._pause_at = self._step + effects.steps if effects.steps else None
+            self._pause_at = self.step + effects.steps if effects.steps else None
         for start in effects.starts:
-            self._judge.restart(start.robot)
+            self.judge.restart(start.robot)
             self._bodies.batteries.replace_empty(self._participants[start.robot].index)
         if effects.paused and not effects.stop:
             self._phase = WorldPhase.PAUSED
@@ -237,7 +221,7 @@ class WorldCore:
         if effects.starts:
             self._restarting = True
             self._phase = WorldPhase.ROLL_CALL
-            return [*outputs, to(ROSTER, Roster(self._step, tuple(effects.starts)))]
+            return [*outputs, to(ROSTER, Roster(self.step, tuple(effects.starts)))]
         return [*outputs, *self._send_senses()]
 
     def _take_orders(self, inputs: Inputs) -> list[Output]:
@@ -246,13 +230,13 @@ class WorldCore:
             return []
         control: Control = read(inputs, CONTROL)
         refusals = self._orders.take(control.orders)
-        return [to(ANSWERED, OrderOutcomes(self._step, control.ticket, refusals))] if control.ticket else []
+        return [to(ANSWERED, OrderOutcomes(self.step, control.ticket, refusals))] if control.ticket else []
 
     def _end_step(self, aired: RadioAdvanced) -> Sequence[int]:
         """Add event counts and airtimes of the last step; return the robots whose battery is now empty."""
-        if aired.step != self._step - 1:
+        if aired.step != self.step - 1:
             raise AcrcError(
-                f"{self._time_text()}: the radio reports step {aired.step}; expected step {self._step - 1}"
+                f"{self._time_text()}: the radio reports step {aired.step}; expected step {self.step - 1}"
             )
         for count in aired.counts:
             if count.id not in self._participants or count.events < 1:
@@ -267,15 +251,15 @@ class WorldCore:
     def _is_over(self, effects: OrderEffects) -> bool:
         if effects.stop or self.instant >= self._setup.duration_us:
             return True
-        return self._judge.settled and not self._orders.pending and not effects.starts
+        return self.judge.settled and not self._orders.pending and not effects.starts
 
     def _halt(self) -> list[Output]:
         running = self._participants.members_in(BarrierState.STEPPING, BarrierState.FROZEN)
         outputs = [self._senses(member, self.instant, halt=True) for member in running]
-        self._finished = True
-        self._judge.outcome(self._participants.present, self.instant)  # may show final marks
+        self.finished = True
+        self.judge.outcome(self._participants.present, self.instant)  # may show final marks
         outputs += self._task_changes()
-        outputs.append(to(TRUTH, Truth(self._step, self.instant, (), halt=True)))
+        outputs.append(to(TRUTH, Truth(self.step, self.instant, (), halt=True)))
         outputs.append(to(PROGRESS, self._progress()))
         return outputs
 
@@ -291,7 +275,7 @@ class WorldCore:
         items: tuple[Any, ...] = ()
         if member.given_items and not halt:  # a restarted process gets them all
             items, member.sent_items = member.given_items[member.sent_items :], len(member.given_items)
-        senses = self._bodies.senses(member.index, self._step, instant, events, halt, items)
+        senses = self._bodies.senses(member.index, self.step, instant, events, halt, items)
         return Output(member.senses, senses)
 
     def _close(self, inputs: Inputs) -> Sequence[Output]:
@@ -300,7 +284,7 @@ class WorldCore:
         begin, end = self.instant, self.instant + self._setup.step_us
         for member in self._participants.members_in(BarrierState.STEPPING):
             drive: Drive = inputs[member.drive.key]  # type: ignore[assignment]  # as `read` returns
-            if wrong := drive_fault(drive, self._step, begin, end):
+            if wrong := drive_fault(drive, self.step, begin, end):
                 raise AcrcError(f"{self._time_text()}: {member.id} {wrong}")
             self._bodies.command(member.index, drive, begin)
             if drive.reports or drive.given_up or drive.route is not None:
@@ -319,7 +303,7 @@ class WorldCore:
             charges = tuple(self._bodies.batteries.charges)
         people = self._bodies.people
         truth = Truth(
-            self._step,
+            self.step,
             begin,
             tuple(truths),
             tuple(jams),
@@ -335,12 +319,12 @@ class WorldCore:
         except ReportError as error:
             wrong: str | None = str(error)
         else:
-            wrong = self._judge.take(member.id, answer, begin, end)
+            wrong = self.judge.take(member.id, answer, begin, end)
         if wrong:
             raise AcrcError(f"{self._time_text()}: {member.id} {wrong}")
 
     def _time_text(self) -> str:
-        return f"step {self._step} ({in_seconds(self.instant):g} s)"
+        return f"step {self.step} ({in_seconds(self.instant):g} s)"
 
     def _truth(self, member: Member, transmits: int) -> RobotTruth:
         stepping = member.state is BarrierState.STEPPING
@@ -351,35 +335,35 @@ class WorldCore:
     def _move(self) -> Sequence[Output]:
         self._bodies.move(self.instant, self._setup.step_us)
         outputs = self._floor_changes()
-        self._step += 1
+        self.step += 1
         self._phase = WorldPhase.OPEN
-        self._judge.watch(self.instant, self._bodies.positions)
+        self.judge.watch(self.instant, self._bodies.positions)
         is_new_second = self.instant % 1_000_000 < self._setup.step_us
         return [*outputs, to(PROGRESS, self._progress())] if is_new_second else outputs
 
     def _floor_changes(self) -> list[Output]:
-        changed = self._bodies.floor_record.take(self._step)
+        changed = self._bodies.floor_record.take(self.step)
         return [] if changed is None else [to(FLOOR_CHANGED, changed), to(FLOOR_NEWS, changed)]
 
     def _task_changes(self) -> list[Output]:
         """Return the changes of the task since the last call, in messages of bounded size."""
-        marks, events = self._judge.take_changes()
+        marks, events = self.judge.take_changes()
         outputs = []
         for first in range(0, max(len(marks), len(events)), _MOST_CHANGES):
             part = slice(first, first + _MOST_CHANGES)
-            changed = TaskChanged(self._step, marks[part], events[part])
+            changed = TaskChanged(self.step, marks[part], events[part])
             outputs += [to(TASK_CHANGED, changed), to(TASK_NEWS, changed)]
         return outputs
 
     def _progress(self) -> Progress:
-        left, done = self._judge.progress(self._participants.present)
-        return Progress(self._step, self.instant, left, done, self._finished, self.paused)
+        left, done = self.judge.progress(self._participants.present)
+        return Progress(self.step, self.instant, left, done, self.finished, self.paused)
 
     def waiting(self, addresses: Sequence[Address]) -> Progress:
         """Return the progress while these messages are missing."""
         names = tuple(dict.fromkeys(address.robot or "radio" for address in addresses))
         wait = (
-            self.describe_wait(addresses[0]) if addresses else f"step {self._step}: the world is not stepping"
+            self.describe_wait(addresses[0]) if addresses else f"step {self.step}: the world is not stepping"
         )
         starting = self._phase is WorldPhase.ROLL_CALL
         return msgspec.structs.replace(self._progress(), awaited=names, awaits=wait, starting=starting)

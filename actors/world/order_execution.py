@@ -124,6 +124,7 @@ class Orders:
     def _execute(self, order: Order) -> None:
         if fault := order_fault(order, self._limits):
             raise AcrcError(fault)
+        effects = self.effects
         match order:
             case Kill() | Freeze() | Thaw() | Restart() | Move() | ItemAssignment():
                 self._apply_to_robot(order)
@@ -131,8 +132,14 @@ class Orders:
                 self._apply_to_radio(order)
             case Obstacle() | Wall() | CloseDoor() | OpenDoor():
                 self._apply_to_floor(order)
-            case Pause() | Resume() | Step() | Speed() | Stop():
-                self._apply_to_run(order)
+            case Pause() | Resume():
+                effects.paused, effects.steps = isinstance(order, Pause), 0
+            case Step(steps):
+                effects.paused, effects.steps = False, steps
+            case Speed(factor):
+                effects.speed = factor
+            case Stop():
+                effects.stop = True
 
     def _apply_to_robot(self, order: Kill | Freeze | Thaw | Restart | Move | ItemAssignment) -> None:
         if order.robot not in self._roster:
@@ -204,20 +211,6 @@ class Orders:
                 self._bodies.close_door(order.x, order.y)
             case OpenDoor():
                 self._bodies.open_door(order.x, order.y)
-
-    def _apply_to_run(self, order: Pause | Resume | Step | Speed | Stop) -> None:
-        effects = self.effects
-        match order:
-            case Pause():
-                effects.paused, effects.steps = True, 0
-            case Resume():
-                effects.paused, effects.steps = False, 0
-            case Step(steps):
-                effects.paused, effects.steps = False, steps
-            case Speed(factor):
-                effects.speed = factor
-            case Stop():
-                effects.stop = True
 
     def _time_text(self) -> str:
         return f"at {in_seconds(self._now):g} s"

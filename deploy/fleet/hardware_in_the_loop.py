@@ -164,7 +164,7 @@ def _onboard_robot(plan: RunPlan, index: int, folder: Path, *, board: bool = Tru
     robot = plan.world.robots[index]
     robot_plan = replace(plan, world=msgspec.structs.replace(plan.world, robots=(robot,)))
     links = folder / "links" / robot.id
-    settings = BoardSettings(plan.address(robot.id), radio_model(plan.radio).parameters.channel)
+    settings = BoardSettings(dict(plan.radio.robots)[robot.id], radio_model(plan.radio).parameters.channel)
     base, radio, lidar = (str(links / device) for device in (BASE, RADIO, RANGE))
     ports = Ports(base, radio, lidar, settings, board)
     return OnboardRobot(robot_plan, ports, itertools.count().__next__)

@@ -3,7 +3,7 @@
 import math
 import re
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import KW_ONLY, dataclass, field, replace
 from datetime import UTC, datetime
 from pathlib import Path
@@ -87,8 +87,9 @@ def check_options(options: RunOptions, limit: Sequence[str] = ()) -> RunOptions:
     check_choice("--record", options.record, get_args(RecordDetail))
     check_choice("--spawn", options.spawn, ("forkserver", "exec"))
     speed = _checked_speed(options.speed)
-    for sentence in (*_faults(options), *_hosts_faults(options), *_hardware_faults(options, limit)):
-        raise OptionError(sentence)
+    for is_present, sentence in _conflicts(options, limit):
+        if is_present:
+            raise OptionError(sentence)
     if speed != "max" and not options.timeout_s > (slowest := _LONGEST_STEP_S / float(speed)):
         raise wrong_value(
             "--timeout", f"{options.timeout_s:g}", f"more than the {slowest:g} s of a step at --speed {speed}"
@@ -100,58 +101,66 @@ def check_options(options: RunOptions, limit: Sequence[str] = ()) -> RunOptions:
     )
 
 
-def _faults(options: RunOptions) -> Iterator[str]:
-    """Yield one sentence per conflict between options."""
-    memory, debug = options.bus == "memory", options.debug
-    if options.isolate and memory:
-        yield "--isolate: requires --bus zenoh; --bus memory has one process for all robots"
-    if options.view and memory:
-        yield "--view: requires --bus zenoh; --bus memory has one process for all"
-    if options.followed and not options.view:
-        yield f"--robot: {options.followed[0]!r}; requires --view; --robots sets the number of robots"
-    if debug is not None and options.hardware:
-        yield "--debug: stops simulated time; cannot be combined with --hardware-in-the-loop"
-    if debug is not None and not sys.stdin.isatty():
-        yield f"--debug: {debug}; standard input must be a terminal"
-    if options.control and (memory or options.hardware):
-        yield "--control: requires --bus zenoh; it gives orders over the mesh of a simulated run"
-
-
-def _hosts_faults(options: RunOptions) -> Iterator[str]:
-    """Yield one sentence per conflict with options for other computers."""
-    memory, debug = options.bus == "memory", options.debug
-    if options.on and (memory or options.hardware or debug is not None):
-        yield (
+def _conflicts(options: RunOptions, limit: Sequence[str]) -> tuple[tuple[object, str], ...]:
+    """Return whether each conflict between options is present, and its sentence."""
+    memory, hardware, debug = options.bus == "memory", options.hardware, options.debug
+    followed, board = (next(iter(robots), "") for robots in (options.followed, options.boards))
+    return (
+        (
+            options.isolate and memory,
+            "--isolate: requires --bus zenoh; --bus memory has one process for all robots",
+        ),
+        (options.view and memory, "--view: requires --bus zenoh; --bus memory has one process for all"),
+        (
+            options.followed and not options.view,
+            f"--robot: {followed!r}; requires --view; --robots sets the number of robots",
+        ),
+        (
+            debug is not None and hardware,
+            "--debug: stops simulated time; cannot be combined with --hardware-in-the-loop",
+        ),
+        (
+            debug is not None and not sys.stdin.isatty(),
+            f"--debug: {debug}; standard input must be a terminal",
+        ),
+        (
+            options.control and (memory or hardware),
+            "--control: requires --bus zenoh; it gives orders over the mesh of a simulated run",
+        ),
+        (
+            options.on and (memory or hardware or debug is not None),
             "--on: starts robots' processes on other computers; cannot be combined with --bus memory, "
-            "--hardware-in-the-loop or --debug"
-        )
-    if options.listen and not options.on:
-        yield f"--listen: {options.listen}; requires --on"
-    if options.leave and not options.on:
-        yield "--leave: requires --on; without it recordings are on this computer"
-    if options.leave and (options.check or options.view):
-        yield (
+            "--hardware-in-the-loop or --debug",
+        ),
+        (options.listen and not options.on, f"--listen: {options.listen}; requires --on"),
+        (
+            options.leave and not options.on,
+            "--leave: requires --on; without it recordings are on this computer",
+        ),
+        (
+            options.leave and (options.check or options.view),
             "--leave: keeps recordings on the hosts; cannot be combined with --check or --view, "
-            "which read them"
-        )
-
-
-def _hardware_faults(options: RunOptions, limit: Sequence[str]) -> Iterator[str]:
-    """Yield one sentence per conflict with options for emulated devices."""
-    memory, hardware = options.bus == "memory", options.hardware
-    if hardware and (memory or options.view or options.speed not in {"max", "1"}):
-        yield (
+            "which read them",
+        ),
+        (
+            hardware and (memory or options.view or options.speed not in {"max", "1"}),
             "--hardware-in-the-loop: runs processes in wall time; "
-            "cannot be combined with --bus memory, --view or a --speed other than 1"
-        )
-    if options.boards and not hardware:
-        yield f"--board: {options.boards[0]}; requires --hardware-in-the-loop"
-    if hardware and options.log:
-        yield "--log: shows simulated robots; cannot be combined with --hardware-in-the-loop"
-    if hardware and options.check:
-        yield "--check: replays a simulated run; cannot be combined with --hardware-in-the-loop"
-    if limit and (memory or hardware):
-        yield "--limit: requires --bus zenoh; it limits a simulated robot's process"
+            "cannot be combined with --bus memory, --view or a --speed other than 1",
+        ),
+        (options.boards and not hardware, f"--board: {board}; requires --hardware-in-the-loop"),
+        (
+            hardware and options.log,
+            "--log: shows simulated robots; cannot be combined with --hardware-in-the-loop",
+        ),
+        (
+            hardware and options.check,
+            "--check: replays a simulated run; cannot be combined with --hardware-in-the-loop",
+        ),
+        (
+            limit and (memory or hardware),
+            "--limit: requires --bus zenoh; it limits a simulated robot's process",
+        ),
+    )
 
 
 def run_folder_name(scenario: Path, strategy: str | None = None) -> str:

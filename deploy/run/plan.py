@@ -40,7 +40,7 @@ from deploy.run.options import RunOptions
 from deploy.run.out_folder import make_folder
 from deploy.scenario.resolve import ResolvedScenario, Swarm, robot_setup
 from deploy.scenario.scenario_file import with_models
-from deploy.scenario.tables import Scenario, to_toml
+from deploy.scenario.tables import to_toml
 
 MAP: Final = "map"
 """Map folder in the run's folder."""
@@ -71,25 +71,18 @@ def scenario_copy(resolved: ResolvedScenario, options: RunOptions) -> ScenarioCo
     relative = msgspec.structs.replace(scenario, map=f"{MAP}/map.yaml", run=run)
     relative = with_models(relative, lambda model: places.get(model, model))
     models = tuple((Path(name), place) for name, place in places.items())
-    return ScenarioCopy(
-        to_toml(relative), models, origin(scenario, options.scenario, resolved.behaviour, software_version())
-    )
-
-
-def origin(scenario: Scenario, name: str, behaviour: str, commit: str) -> Origin:
-    """Return the origin of a run of the scenario file `name`."""
-    run, presets = scenario.run, scenario.presets
-    return Origin(
-        name,
+    origin = Origin(
+        options.scenario,
         run.strategy,
-        behaviour,
+        resolved.behaviour,
         dict(scenario.strategy),
-        commit,
+        software_version(),
         package_versions(),
         key=run.key or "",
-        navigation=presets["navigation"],
-        localisation=presets["localisation"],
+        navigation=scenario.presets["navigation"],
+        localisation=scenario.presets["localisation"],
     )
+    return ScenarioCopy(to_toml(relative), models, origin)
 
 
 MODEL: Final = "model.toml"
@@ -160,10 +153,6 @@ class RunPlan(Swarm):
     def code(self) -> tuple[str, ...]:
         """Absolute paths of the folders with the user's code."""
         return tuple(str(path.absolute()) for path in self.options.modules)
-
-    def address(self, robot: str) -> int:
-        """Return the robot's 802.15.4 short address."""
-        return dict(self.radio.robots)[robot]
 
 
 def write_run_folder(plan: RunPlan) -> None:
@@ -269,7 +258,9 @@ def robot_program(
     """
     folder = plan.folder(robot.id)
     name = name or (robot.id if order.epoch == 0 else f"{robot.id}.{order.epoch}")
-    is_isolated = plan.isolate and not _is_debugged(plan, robot.id)
+    debug = plan.debug
+    is_debugged = debug is not None and debug.robot == robot.id
+    is_isolated = plan.isolate and not is_debugged
     modules = plan.options.modules
     seen, code = (FOLDER, code_paths(len(modules))) if is_isolated else (folder, modules)
     process = RobotProcess(
@@ -281,7 +272,7 @@ def robot_program(
         code=tuple(str(path) for path in code),
         limits=plan.options.limits,
         isolate=is_isolated,
-        debugger=None if plan.debug is None else _terminal(plan, robot.id),
+        debugger=None if debug is None else debug.terminal if is_debugged else "",
     )
     setup = msgspec.structs.replace(
         _relative_robot_setup(plan, robot), epoch=order.epoch, first_step=first_step
@@ -295,15 +286,6 @@ def _relative_robot_setup(plan: RunPlan, robot: BodySetup) -> RobotSetup:
     """Return the robot's set-up, with the path of a user's model in its folder."""
     setup = msgspec.structs.replace(robot_setup(plan, robot), detail=plan.options.record)
     return msgspec.structs.replace(setup, model=MODEL) if setup.model.endswith(".toml") else setup
-
-
-def _is_debugged(plan: RunPlan, robot: str) -> bool:
-    return plan.debug is not None and plan.debug.robot == robot
-
-
-def _terminal(plan: RunPlan, robot: str) -> str:
-    assert plan.debug is not None
-    return plan.debug.terminal if _is_debugged(plan, robot) else ""
 
 
 def shared_arguments(

@@ -237,7 +237,8 @@ class RunSupervisor(Supervisor):
     def _stall_fault(self, running: Sequence[ChildProcess], recording: Path) -> str | None:
         """Describe the process that stalls the next step or the end; None if none does."""
         if self._finished:
-            return self._timeout_fault(running, f"{_actor_names(running)} did not end after the last step")
+            names = [child.program.actor for child in running]
+            return self._timeout_fault(running, f"{', '.join(names)} did not end after the last step")
         size = recording.stat().st_size if recording.is_file() else 0
         if size != self._recording_bytes or self._paused:
             self._recording_bytes, self._waiting = size, None
@@ -245,10 +246,10 @@ class RunSupervisor(Supervisor):
             return None
         # without a report from the world, the world itself stalls
         activity, starting = "the world has not taken a step", not size
-        names: Sequence[str] = ("world",)
+        names = ["world"]
         if self._waiting is not None:
             activity, starting = self._waiting.awaits, self._waiting.starting
-            names = self._waiting.awaited or names
+            names = [*self._waiting.awaited] or names
         awaited = [child for child in running if child.program.actor in names]
         activity += host_suffix(running, names[0])
         return self._timeout_fault(running, activity, awaited, "start" if starting else "step")
@@ -329,10 +330,6 @@ def _check_completion(child: ChildProcess) -> None:
         )
     if fault := leftover_fault(child.orphans > 0):
         raise AcrcError(f"{program.actor} failed: {fault}")
-
-
-def _actor_names(children: Iterable[ChildProcess]) -> str:
-    return ", ".join(child.program.actor for child in children)
 
 
 def _failure_note(child: ChildProcess) -> FailureNote | None:

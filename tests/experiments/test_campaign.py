@@ -89,8 +89,8 @@ class Cheat:
         core = world()
         if core is not None and not self.done:
             self.done = True
-            say = core._judge.outcome
-            core._judge.outcome = lambda present, end: settled(say(present, end))
+            say = core.judge.outcome
+            core.judge.outcome = lambda present, end: settled(say(present, end))
         return self.honest.advance(view, until)
 
 def settled(one):
