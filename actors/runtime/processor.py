@@ -5,7 +5,7 @@ import hashlib
 import platform
 import re
 import sys
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Final, Protocol
 
@@ -102,7 +102,7 @@ def differing_kernels(there: Mapping[str, str], here: Mapping[str, str]) -> list
     return sorted(name for name in there.keys() & here.keys() if there[name] != here[name])
 
 
-def first_names(names: list[str]) -> str:
+def first_names(names: Sequence[str]) -> str:
     """Return the first three names, for a sentence."""
     return ", ".join(names[:3]) + (f" and {len(names) - 3} more" if len(names) > 3 else "")
 

@@ -21,6 +21,7 @@ from actors.runtime.errors import AcrcError
 from actors.runtime.isolation.credentials import HostGateway
 from actors.runtime.isolation.sandbox import ProcessLimits
 from actors.runtime.process_table import ProcessState
+from actors.runtime.processor import first_names
 from deploy.hosts import certificates
 from deploy.hosts.address import PAGE, bind_address, bracketed, free_port, host_and_port
 from deploy.hosts.agent import CODE, HostAgent, HostTask, block_worker
@@ -89,7 +90,7 @@ class HostedLauncher:
             if time.monotonic() > link.link_lost_s + _LINK_LOST_TIMEOUT_S and self._has_mesh:
                 return f"host {link.name}: its link to the mesh broke"
             if link.lost and not link.done:
-                return f"host {link.name} is lost, with {_robot_list(link.robots)}: {link.lost}"
+                return f"host {link.name} is lost, with {first_names(link.robots)}: {link.lost}"
         return None
 
     @property
@@ -123,10 +124,6 @@ class HostedLauncher:
         elif silent_s >= self._next_report_s[link.name]:
             self._next_report_s[link.name] *= 2
             self._say(f"no answer from host {link.name} for {silent_s:.0f} s; the run waits for it")
-
-
-def _robot_list(robots: tuple[str, ...]) -> str:
-    return ", ".join(robots[:3]) + (f" and {len(robots) - 3} more" if len(robots) > 3 else "")
 
 
 _MB: Final = 1_000_000

@@ -25,7 +25,7 @@ from actors.installation.version import software_version
 from actors.messages import PROGRESS, ROSTER, ProcessOrder, Progress
 from actors.orders import ItemAssignment
 from actors.processes import monitor
-from actors.processes.launcher import ChildProcess, Launcher, Program, create_launcher, scratch_folder
+from actors.processes.launcher import ChildProcess, Launcher, create_launcher, scratch_folder
 from actors.processes.monitor import ResourceMonitor, StepDelays, Timeout
 from actors.processes.robot_logs import check_names, print_output, printing_new_lines, program_output
 from actors.processes.signals import Interruption, signals_as_interrupts
@@ -41,7 +41,7 @@ from actors.runtime.failure import FailureNote, failure_note, own_frames
 from actors.runtime.isolation import rules
 from actors.runtime.isolation.mounts import code_entries, hidden_paths
 from actors.runtime.isolation.sandbox import IsolationChoice, choose_isolation, print_warning
-from actors.runtime.recording import RecordingError, read_notes
+from actors.runtime.recording import RecordingError
 from actors.runtime.shell import MemoryBus
 from actors.runtime.zenoh_bus import open_mesh
 from actors.user_code import expect_hashes, set_folders
@@ -210,7 +210,7 @@ def _check_preflight(plan: RunPlan, child: ChildProcess, limits: PreflightLimits
     `hung`: it was killed after the timeout.
     """
     context = f"strategy {plan.behaviour!r}, preflight for {child.program.actor}"
-    notes = _notes(child.program)
+    notes = _notes(child)
     if "failure" in notes:
         note = msgspec.json.decode(notes["failure"], type=FailureNote)
         if note.expected:
@@ -236,10 +236,9 @@ def _check_preflight(plan: RunPlan, child: ChildProcess, limits: PreflightLimits
     raise AcrcError(f"{context}: its process ended with exit code {child.exit_code}")
 
 
-def _notes(program: Program) -> dict[str, bytes]:
-    assert program.record is not None
+def _notes(child: ChildProcess) -> Mapping[str, str]:
     try:
-        return {name: bytes(text, "utf-8") for name, text in read_notes(program.record).items()}
+        return child.notes()
     except (OSError, RecordingError):
         return {}
 

@@ -37,6 +37,7 @@ from actors.robot.navigation.planning import narrowest_door, planning_grid
 from actors.robot.navigation.potential import IMPASSABLE, descent, potential
 from actors.robot.sweep import Sweep
 from actors.robot_model import RobotModel, load_model
+from actors.runtime.processor import first_names
 from actors.task.loading import load_task
 from actors.world.sensing import RangeSensors
 from actors.world.world_setup import BodySetup
@@ -48,8 +49,6 @@ _TRIAL_US: Final = 60_000_000
 """Simulated time within which a robot that can drive off commands a velocity, µs."""
 _STEP: Final = 0.01
 """Increment of the tried distances from a wall, m."""
-_MAX_NAMES: Final = 3
-"""Maximum number of names listed in a sentence; further ones are counted."""
 _FADING_MARGIN_DB: Final = 6.0
 """Margin below the power at which half of the longest frames arrive; at lower power none arrives, dB."""
 _MAX_REFINED_CELLS: Final = 1_000_000
@@ -297,7 +296,7 @@ def _connection_warnings(floor: _Floor) -> Iterator[str]:
     groups = [robots for part, robots in sorted(robots_by_part.items()) if part]
     for number, robots in enumerate(groups[1:], start=1):
         others = [one for group in groups[:number] for one in group]
-        names, rest = (_name_list([one.id for one in group]) for group in (robots, others))
+        names, rest = (first_names([one.id for one in group]) for group in (robots, others))
         yield f"{floor.preset} finds no path between the parts of the floor where {names} and {rest} start"
         if not floor.resolved.scenario.run.strategy.startswith("none") and not _has_radio_link(
             floor, room, robots, others
@@ -328,13 +327,7 @@ def _rounded_up(length: float) -> str:
 
 def _item_names(resolved: ResolvedScenario, names: list[str]) -> str:
     words = resolved.world.task.declaration
-    return f"{words.items if len(names) > 1 else words.item} {_name_list(names)}"
-
-
-def _name_list(names: list[str]) -> str:
-    """Join the first names and the number of further ones."""
-    more = len(names) - _MAX_NAMES
-    return ", ".join(names[:_MAX_NAMES]) + (f" and {more} more" if more > 0 else "")
+    return f"{words.items if len(names) > 1 else words.item} {first_names(names)}"
 
 
 REFERENCE_MODEL: Final = "turtlebot2"

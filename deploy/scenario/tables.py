@@ -360,11 +360,11 @@ def decode_swarm_file(kind: type[_F], content: Mapping[str, Any]) -> _F:
     named = _with_keys(content, (table, table), _TASK_KEYS)
     run = named.get("run", {})
     if task.use != DEFAULT and isinstance(run, Mapping) and "strategy" not in run:
-        named["run"] = {**run, **({"strategy": declaration.baseline} if declaration.baseline else {})}
         if not declaration.baseline:
             raise AcrcError(
                 f"run.strategy is missing, but must be a strategy for the task {declaration.name}"
             )
+        named["run"] = {**run, "strategy": declaration.baseline}
     try:
         return decode(kind, named)
     except ParameterError as error:
