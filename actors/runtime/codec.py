@@ -2,15 +2,16 @@
 
 import re
 import reprlib
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from typing import Any, Final
 
 import msgspec
 
 from actors.messages import MESSAGE_VERSION, TOPICS
+from actors.runtime.core import Bus
 from actors.runtime.errors import AcrcError
 from actors.runtime.typed_json import must_be
-from actors.topic import Message, Topic
+from actors.topic import M, Message, Topic
 
 _PREFIX: Final = bytes([MESSAGE_VERSION])
 _ENCODER: Final = msgspec.msgpack.Encoder()
@@ -87,6 +88,12 @@ def decode(topic: Topic[Message], key: str, payload: bytes) -> Message:
     except (ValueError, RecursionError) as error:  # DecodeError; invalid UTF-8; nested too deeply
         raise WireError(f"{key}: {len(payload)} bytes of invalid msgpack: {error}") from None
     return message
+
+
+def arrived(bus: Bus, topic: Topic[M]) -> Iterator[M]:
+    """Yield the messages that have arrived on any key of `topic`. Raises WireError."""
+    while (delivery := bus.poll(topic)) is not None:  # type: ignore[arg-type]
+        yield decode(delivery.topic, delivery.key, delivery.payload)  # type: ignore[misc]  # of its type
 
 
 def _element(kind: msgspec.inspect.Type | None, number: int) -> tuple[str, msgspec.inspect.Type | None]:

@@ -19,7 +19,7 @@ from actors.processes.launcher import Launcher, Program, create_launcher
 from actors.processes.signals import signals_as_interrupts
 from actors.radio.radio_model import radio_model
 from actors.runtime import typed_json
-from actors.runtime.codec import decode
+from actors.runtime.codec import arrived
 from actors.runtime.core import at
 from actors.runtime.errors import AcrcError
 from actors.runtime.isolation import rules
@@ -202,8 +202,6 @@ def _supervise(
             supervisor.restart_exited(0.02)
         devices.check()
         for index, bus in enumerate(buses):
-            while (delivery := bus.poll(at(PROGRESS).topic)) is not None:
-                progress = decode(delivery.topic, delivery.key, delivery.payload)
-                assert isinstance(progress, Progress)
-                left[index], done[index] = progress.left, progress.done
+            for report in arrived(bus, PROGRESS):
+                left[index], done[index] = report.left, report.done
         on_progress(Progress(0, round(1e6 * elapsed), sum(left), sum(done), False))

@@ -15,7 +15,7 @@ from actors.installation.usage import wrong_value
 from actors.instant import in_seconds
 from actors.messages import BOARD, CONTROL, PROGRESS, Board, Control, Progress
 from actors.orders import Order, Pause, Resume, Stop
-from actors.runtime.codec import decode, encode
+from actors.runtime.codec import arrived, decode, encode
 from actors.runtime.core import Address, at
 from actors.runtime.errors import AcrcError, printable
 from actors.runtime.isolation.tls import Keys, laptop_config, load_keys
@@ -131,20 +131,13 @@ def _send_to_robot(endpoint: str, keys: Keys, order: Order, deadline: float) -> 
         bus.publish(CONTROL.key(), encode(Control(0, (order,))))
         yield f"the order was sent, but not confirmed within {_ORDER_TIMEOUT_S:g} s"
         while time.monotonic() < deadline:
-            if any(_is_confirmed(message, order) for _, message in _messages(bus, at(PROGRESS))):
+            if any(_is_confirmed(progress, order) for progress in arrived(bus, PROGRESS)):
                 yield None
                 return
             time.sleep(_POLL_INTERVAL_S)
 
 
-def _messages(bus: ZenohBus, address: Address) -> Iterator[tuple[str, Message]]:
-    """Yield key and message of each received message."""
-    while (delivery := bus.poll(address.topic)) is not None:
-        yield delivery.key, decode(delivery.topic, delivery.key, delivery.payload)
-
-
-def _is_confirmed(progress: Message, order: Order) -> bool:
-    assert isinstance(progress, Progress)
+def _is_confirmed(progress: Progress, order: Order) -> bool:
     return progress.finished if isinstance(order, Stop) else progress.paused == isinstance(order, Pause)
 
 
@@ -216,8 +209,9 @@ class _RobotListener:
             self._set_state("connected")
             while session.info.routers_zid():
                 for address in self._addresses:
-                    for key, message in _messages(bus, address):
-                        self._on_message(self._endpoint, key, message)
+                    while (delivery := bus.poll(address.topic)) is not None:
+                        message = decode(delivery.topic, delivery.key, delivery.payload)
+                        self._on_message(self._endpoint, delivery.key, message)
                         for line in _lines(message):
                             self._put_line(line)
                 time.sleep(_POLL_INTERVAL_S)

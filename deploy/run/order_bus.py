@@ -16,7 +16,7 @@ from actors.instant import seconds
 from actors.message_limits import OrderLimits, order_fault
 from actors.messages import ANSWERED, CONTROL, Control, OrderOutcomes
 from actors.orders import Order
-from actors.runtime.codec import decode, encode
+from actors.runtime.codec import arrived, encode
 from actors.runtime.core import Bus, at
 from actors.runtime.errors import AcrcError
 from actors.runtime.isolation import credentials, rules
@@ -114,11 +114,8 @@ def send(out: Path, order: Order, *, patience_s: float = 10.0) -> str | None:
 
 
 def _await_answer(bus: Bus, ticket: str, deadline: float) -> OrderOutcomes | None:
-    topic = at(ANSWERED).topic
     while time.monotonic() < deadline:
-        while (delivery := bus.poll(topic)) is not None:
-            answer = decode(topic, delivery.key, delivery.payload)
-            assert isinstance(answer, OrderOutcomes)
+        for answer in arrived(bus, ANSWERED):
             if answer.ticket == ticket:
                 return answer
         time.sleep(0.005)

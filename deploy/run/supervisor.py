@@ -20,13 +20,12 @@ from actors.processes.monitor import (
     Timeout,
 )
 from actors.processes.robot_logs import crash_line, current_line, last_line
-from actors.runtime.codec import decode
+from actors.runtime.codec import arrived
 from actors.runtime.core import Bus
 from actors.runtime.errors import AcrcError
 from actors.runtime.failure import FailureNote, failure_sentence
 from actors.runtime.process_table import leftover_fault, process_state
 from actors.runtime.recording import RecordingError, decode_note
-from actors.topic import Message, Topic
 
 if TYPE_CHECKING:  # needs the cluster packages
     from deploy.hosts.run_hosts import HostedLauncher
@@ -275,15 +274,13 @@ class RunSupervisor(Supervisor):
         return f"{stall.sentence}; {stalled_child.program.actor} is at {place}" if place else stall.sentence
 
     def _take_messages(self, bus: Bus) -> None:
-        while (progress := _poll_message(bus, PROGRESS)) is not None:
-            assert isinstance(progress, Progress)
+        for progress in arrived(bus, PROGRESS):
             self._paused, self._waiting = progress.paused, progress if progress.awaits else None
             if progress.finished and not self._finished:
                 self._finished = True
                 self._stalls.step()
             self._on_progress(progress)
-        while (roster := _poll_message(bus, ROSTER)) is not None:
-            assert isinstance(roster, Roster)
+        for roster in arrived(bus, ROSTER):
             self.rosters += 1
             self._restart_robots(roster)
 
@@ -296,11 +293,6 @@ class RunSupervisor(Supervisor):
                 if fault := self._timeout_fault(old, f"{order.robot} did not exit for its restart"):
                     raise AcrcError(fault)
             self.start([self._restart(order, roster.step)])
-
-
-def _poll_message(bus: Bus, topic: Topic[Progress] | Topic[Roster]) -> Message | None:
-    delivery = bus.poll(topic)  # type: ignore[arg-type]
-    return None if delivery is None else decode(delivery.topic, delivery.key, delivery.payload)
 
 
 def _failure_cause(failed: list[ChildProcess]) -> str:
