@@ -12,7 +12,7 @@ from msgspec import Meta
 from numpy.typing import NDArray
 
 from actors import geometry, settings, wording
-from actors.geometry import Pose
+from actors.geometry import Point, Pose
 from actors.instant import Duration, seconds
 from actors.portable import hypot
 from actors.runtime.errors import AcrcError
@@ -341,6 +341,11 @@ class RobotDescription(Settings, frozen=True):
     """Pose at switch-on: x, y in m and heading in rad, map frame."""
     items: Items = ()
     """Its initial items, of the task's item type."""
+
+    @property
+    def start_point(self) -> Point:
+        """Position at switch-on, m, map frame."""
+        return Point(*self.start[:2])
 
 
 def scan_angles(sensor: RangeSensor) -> NDArray[np.float64]:

@@ -317,20 +317,20 @@ def wall_posts(start: Point, end: Point) -> tuple[Point, ...]:
 
 def real_floor(setup: WorldSetup, models: Sequence[RobotModel]) -> RealFloor:
     """Return the real floor of a run. Raises MapError, PlacementError if a robot's start is not free."""
-    keep_off = [Point(*robot.start[:2]) for robot in setup.robots]
+    keep_off = [robot.start_point for robot in setup.robots]
     task = load_task(setup.task.use)
     points = (task.point(item) for robot in setup.robots for item in decode_items(task, robot.items))
     keep_off += [point for point in points if point is not None]
     rng = generator(setup.world_seed, "uncertainty", "world")
     real = draw_floor(load_map(Path(setup.map)), setup.uncertainty, rng, keep_off)
     for robot, model in zip(setup.robots, models, strict=True):
-        check_pose(real.solid, Point(*robot.start[:2]), model.footprint.inradius, robot.id)
+        check_pose(real.solid, robot.start_point, model.footprint.inradius, robot.id)
     return real
 
 
 def pedestrians(setup: WorldSetup, floor: RealFloor, models: Sequence[RobotModel]) -> Pedestrians:
     """Return the people of a run. Raises PlacementError without room for them or their destinations."""
-    starts = [Point(*robot.start[:2]) for robot in setup.robots]
+    starts = [robot.start_point for robot in setup.robots]
     radius = max(model.footprint.circumradius for model in models)
     assert setup.people is not msgspec.UNSET
     return Pedestrians(setup.people, floor.solid, setup.world_seed, starts, radius)

@@ -25,7 +25,6 @@ from actors.console import create_console
 from actors.floor.grid import OccupancyGrid
 from actors.floor.map_file import load_map
 from actors.floor.placement import check_pose
-from actors.geometry import Point
 from actors.installation import version
 from actors.installation.repository import SHIPPED
 from actors.installation.usage import OptionError
@@ -291,10 +290,10 @@ def check_floor(fleet: Fleet, robot: FleetRobot) -> Iterator[DoctorFinding]:
 
 
 def _check_start(fleet: Fleet, robot: FleetRobot, grid: OccupancyGrid, radii: Mapping[str, float]) -> str:
-    here = Point(*robot.start[:2])
+    here = robot.start_point
     check_pose(grid, here, radii[robot.id], robot.id)
     for other in fleet.robots:
-        distance, minimum = here.distance_to(Point(*other.start[:2])), radii[robot.id] + radii[other.id]
+        distance, minimum = here.distance_to(other.start_point), radii[robot.id] + radii[other.id]
         if other.id != robot.id and distance < minimum:
             raise AcrcError(
                 f"{robot.id} starts {distance:.2f} m from {other.id}, must be at least {minimum:.2f} m"

@@ -17,7 +17,6 @@ import msgspec
 
 from actors.floor.map_file import load_map
 from actors.floor.placement import check_pose
-from actors.geometry import Point
 from actors.installation.usage import command_name, wrong_value
 from actors.installation.version import software_version
 from actors.processes.launcher import ChildProcess, Launcher, create_launcher
@@ -252,7 +251,7 @@ def prepare(fleet: Fleet, name: str, options: OnboardOptions, say: Callable[[str
     if options.at is not None:
         robot = msgspec.structs.replace(robot, start=_parse_pose(options.at, robot))
     model = load_model(robot.model, robot.sensor)
-    check_pose(load_map(str(fleet.map)), Point(*robot.start[:2]), model.footprint.circumradius, name)
+    check_pose(load_map(str(fleet.map)), robot.start_point, model.footprint.circumradius, name)
     radio = fleet.radio
     settings = BoardSettings(robot.address, radio.channel, radio.pan, radio.power_db)
     keys_folder = None if robot.listen is None else str(fleet.key_folder(name))

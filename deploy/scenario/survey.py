@@ -133,7 +133,7 @@ class _Floor:
 
         A start too close to a wall is moved a little away from it.
         """
-        at = Point(*robot.start[:2])
+        at = robot.start_point
         cell = nearest_cell(self.grid, room.parts > 0, at, room.clearance)
         return 0 if cell is None else int(room.parts[cell])
 
@@ -161,7 +161,7 @@ def _floor(resolved: ResolvedScenario, grid: OccupancyGrid) -> _Floor:
 def _start_warnings(floor: _Floor) -> Iterator[str]:
     """Yield a warning per robot whose local planner cannot drive off the wall that it starts at."""
     for robot in floor.robots:
-        clearance, at = floor.room(robot).clearance, Point(*robot.start[:2])
+        clearance, at = floor.room(robot).clearance, robot.start_point
         gap = floor.grid.clearance_at(at, clearance)
         if gap < clearance and floor.resolved.points(robot) and not _can_drive_off(floor, robot, robot.start):
             needed = _required_distance(floor, robot, gap, clearance)
@@ -371,7 +371,7 @@ def survey(resolved: ResolvedScenario) -> ScenarioSurvey:
     """Survey a scenario. Raises AcrcError if a file that it names cannot be read."""
     world, grid = resolved.world, resolved.grid
     floor = _floor(resolved, grid)
-    floors = [reachable(grid, Point(*body.start[:2]), floor.radius(body)) for body in world.robots]
+    floors = [reachable(grid, body.start_point, floor.radius(body)) for body in world.robots]
     radius = floor.largest_radius
     return ScenarioSurvey(
         name=map_title(resolved.scenario.map),
