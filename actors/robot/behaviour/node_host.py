@@ -4,7 +4,7 @@
         return host(start, MyRobot(id=start.robot, ...), MyEnsemble(max_distance=1.5))
 
 The node communicates over the robot's radio. Its processes may use these ports, selected by type:
-Positioning, Navigation, BatteryMeter, TaskList, PlaceMonitor, FloorPlan, Instant and the robot's random
+Positioning, Navigation, BatteryMeter, TaskList, TaskMonitor, FloorPlan, Instant and the robot's random
 Generator.
 """
 
@@ -136,7 +136,7 @@ class RobotTaskList:
 
 
 class RobotTaskMonitor:
-    """Implementation of PlaceMonitor: reports of the current step."""
+    """Implementation of TaskMonitor: reports of the current step."""
 
     def __init__(self, fields: DecisionFields) -> None:
         self.reported: tuple[ItemKey, ...] | None = None
