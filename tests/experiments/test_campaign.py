@@ -77,7 +77,7 @@ def world():
     frame = sys._getframe()
     while frame is not None:
         for shell in frame.f_locals.get("shells", ()):
-            if hasattr(shell.core, "_judge"):
+            if hasattr(shell.core, "judge"):
                 return shell.core
         frame = frame.f_back
 
