@@ -38,7 +38,7 @@ def _parse_give(robot: str, *item: str) -> Order:
 
 
 _NAMES: Final = ("ROBOT", "SENDER")
-"""Arguments that are no numbers."""
+"""Arguments that name a robot."""
 _VERB_SYNTAX: Final[Mapping[str, tuple[str, Callable[..., Order]]]] = MappingProxyType({
     "kill": ("ROBOT", orders.Kill),
     "freeze": ("ROBOT", orders.Freeze),
