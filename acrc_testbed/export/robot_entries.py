@@ -1,11 +1,11 @@
 """Log entries of a run: map, poses, scans, commands, introspection and markers."""
 
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from heapq import merge
 from itertools import groupby
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +16,7 @@ from acrc_testbed.export.ros2_log import (
     UNKNOWN_CELL,
     LogEntry,
     Marker,
+    Points,
     Transform,
     disc,
     label,
@@ -26,7 +27,7 @@ from acrc_testbed.export.ros2_log import (
 from acrc_testbed.run_model.data import RunData, Trajectory
 from acrc_testbed.run_model.floor import FloorObject
 from acrc_testbed.run_model.recording_readers import messages_on
-from acrc_testbed.run_model.robot_introspection import RecordedProcess, RobotInternals
+from acrc_testbed.run_model.robot_introspection import PointSets, RecordedProcess, RobotInternals
 from acrc_testbed.run_model.task_state import ItemState, ItemTable
 from actors.floor.grid import FREE, OCCUPIED, OccupancyGrid
 from actors.geometry import Pose
@@ -53,16 +54,17 @@ def true_entries(run: RunData) -> Iterator[LogEntry]:
     tracks = list(run.trajectories.items())
     for step, second in enumerate(tracks[0][1].seconds.tolist()):
         poses = [(robot, Pose(*track.poses[step].tolist())) for robot, track in tracks]
-        yield _frames_entry(second * 1e6, [Transform(MAP, f"{robot}/truth", pose) for robot, pose in poses])
+        at = round(second * 1e6)
+        yield _frames_entry(at, [Transform(MAP, f"{robot}/truth", pose) for robot, pose in poses])
         for robot, pose in poses:
-            yield _pose_entry(second * 1e6, f"/{robot}/truth", pose)
+            yield _pose_entry(at, f"/{robot}/truth", pose)
 
 
 def estimate_entries(robot: str, track: Trajectory) -> Iterator[LogEntry]:
     """Yield the pose estimates that a robot reported."""
     for second, estimate in zip(track.seconds.tolist(), track.estimated.tolist(), strict=True):
         if estimate[0] == estimate[0]:
-            yield _pose_entry(second * 1e6, f"/{robot}/pose", Pose(*estimate))
+            yield _pose_entry(round(second * 1e6), f"/{robot}/pose", Pose(*estimate))
 
 
 def sensor_entries(
@@ -113,8 +115,9 @@ def _odometry_entries(
     frames = [Transform(odom, base, odometry)]
     if estimate is not None:
         frames.insert(0, Transform(MAP, odom, estimate.frame(odometry)))
-    yield _frames_entry(second * 1e6, frames)
-    at, velocity = round(second * 1e6), ros2_log.twist(sensed.vx, sensed.vy, sensed.omega)
+    at = round(second * 1e6)
+    yield _frames_entry(at, frames)
+    velocity = ros2_log.twist(sensed.vx, sensed.vy, sensed.omega)
     yield LogEntry(at, f"/{robot}/odom", ros2_log.odometry(odom, base, odometry, velocity, at), at)
 
 
@@ -136,9 +139,9 @@ def internal_entries(robot: RobotInternals) -> Iterator[LogEntry]:
     """Yield a robot's introspection in order of time."""
     return merge(
         _activity_entries(robot),
-        _particle_entries(robot),
+        _point_entries(robot, "particles", robot.particles, ros2_log.point_cloud),
         _cost_map_entries(robot),
-        _plan_entries(robot),
+        _point_entries(robot, "plan", robot.plans, ros2_log.path),
         key=lambda one: one.logged,
     )
 
@@ -149,16 +152,12 @@ def _ascending_instants(seconds: Sequence[float] | NDArray[np.float64]) -> list[
     return [round(one) for one in found]
 
 
-def _particle_entries(robot: RobotInternals) -> Iterator[LogEntry]:
-    topic, particles = f"/{robot.process.robot}/particles", robot.particles
-    for time, points in zip(_ascending_instants(particles.seconds), particles.sets(), strict=True):
-        yield LogEntry(time, topic, ros2_log.point_cloud(points, time), time)
-
-
-def _plan_entries(robot: RobotInternals) -> Iterator[LogEntry]:
-    topic, plans = f"/{robot.process.robot}/plan", robot.plans
-    for time, points in zip(_ascending_instants(plans.seconds), plans.sets(), strict=True):
-        yield LogEntry(time, topic, ros2_log.path(points, time), time)
+def _point_entries(
+    robot: RobotInternals, name: str, sets: PointSets, message: Callable[[Points, int], Any]
+) -> Iterator[LogEntry]:
+    """Yield a message for each set of points."""
+    for time, points in zip(_ascending_instants(sets.seconds), sets.sets(), strict=True):
+        yield LogEntry(time, f"/{robot.process.robot}/{name}", message(points, time), time)
 
 
 def _cost_map_entries(robot: RobotInternals) -> Iterator[LogEntry]:
@@ -202,13 +201,11 @@ def static_frames(models: Mapping[str, RobotModel]) -> LogEntry:
     return LogEntry(0, "/tf_static", ros2_log.transforms(frames, 0), 0)
 
 
-def _frames_entry(microseconds: float, frames: list[Transform]) -> LogEntry:
-    at = round(microseconds)
+def _frames_entry(at: int, frames: list[Transform]) -> LogEntry:
     return LogEntry(at, "/tf", ros2_log.transforms(frames, at), at)
 
 
-def _pose_entry(microseconds: float, topic: str, pose: Pose) -> LogEntry:
-    at = round(microseconds)
+def _pose_entry(at: int, topic: str, pose: Pose) -> LogEntry:
     return LogEntry(at, topic, ros2_log.placed_pose(MAP, pose, at), at)
 
 
@@ -246,10 +243,8 @@ def _item_markers(run: RunData, states: Mapping[ItemKey, ItemState]) -> list[Mar
         style, owner = run.description.task.marks.get(state.state), key.owner
         if style is not None:
             robot = next((one for one in (owner, state.by) if one in run.robots), None)
-            has_colour = style.is_open or style.symbol == "disc"
-            colour = glyphs.GREY
-            if robot is not None and has_colour:
-                colour = glyphs.robot(run.robots.index(robot))
+            has_colour = robot is not None and (style.is_open or style.symbol == "disc")
+            colour = glyphs.robot(run.robots.index(robot)) if has_colour else glyphs.GREY
             marker = disc(str(key), (state.x, state.y), _ITEM_RADIUS, _FLAT, colour)
             markers.append(marker if style.is_open else marker._replace(opacity=0.25))
     return markers
