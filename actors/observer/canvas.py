@@ -89,13 +89,17 @@ def packed(colours: Sequence[Colour]) -> NDArray[np.uint32]:
 
 def ring(x: float, y: float, radius: float, height: float) -> NDArray[np.float32]:
     """Return a circle as a line, (25, 3)."""
-    drawn: NDArray[np.float32] = np.column_stack(
-        (CIRCLE * radius + (x, y), np.full(len(CIRCLE), height))
-    ).astype(np.float32)
-    return drawn
+    return at_height(CIRCLE * radius + (x, y), height)
 
 
 def at_height(points: NDArray[Any], height: float) -> NDArray[np.float32]:
     """Return points of the floor, (k, 2), at a height, (k, 3)."""
     drawn: NDArray[np.float32] = np.column_stack((points, np.full(len(points), height))).astype(np.float32)
     return drawn
+
+
+def quaternions(headings: NDArray[np.float64]) -> NDArray[np.float32]:
+    """Return rotations about the vertical axis, (k, 4), by headings, (k,), rad."""
+    none, half = np.zeros(len(headings)), headings / 2
+    turned: NDArray[np.float32] = np.column_stack((none, none, np.sin(half), np.cos(half))).astype(np.float32)
+    return turned

@@ -52,13 +52,16 @@ def draw_items(
     """
     marks = item_marks(task)
     lines = [line for item in items for line in _item_lines(canvas, task, marks, owner, item)]
-    strips, colours, radii = zip(*lines, strict=True) if lines else ((), (), ())
-    drawn = rr.LineStrips3D(strips, colors=colours, radii=radii)
-    canvas.draw_at(second, f"world/items/{rr.escape_entity_path_part(owner)}", drawn)
+    _draw_lines(canvas, second, f"world/items/{rr.escape_entity_path_part(owner)}", lines)
 
 
 _Line = tuple[NDArray[np.float32], Colour, float]
 """A line with its colour and width, m; negative: points."""
+
+
+def _draw_lines(canvas: Canvas, second: float, path: str, lines: Sequence[_Line]) -> None:
+    strips, colours, radii = zip(*lines, strict=True) if lines else ((), (), ())
+    canvas.draw_at(second, path, rr.LineStrips3D(strips, colors=colours, radii=radii))
 
 
 def _item_lines(
@@ -195,21 +198,15 @@ _RINGS: Final = 100.0
 
 def draw_things(canvas: Canvas, second: float, things: Sequence[DrawnObject]) -> None:
     """Draw all floor objects from an instant on."""
-    strips: list[NDArray[np.float32]] = []
-    colours: list[Colour] = []
-    radii: list[float] = []
-    names: list[tuple[float, float, float]] = []
-    for kind, points, radius in things:
-        mark = MARKS[kind]
-        for strip, width in _strips(mark.shape, points, radius):
-            strips.append(strip)
-            colours.append(mark.colour or WHITE)
-            radii.append(width)
-        middle = np.mean(points, axis=0)
-        names.append((float(middle[0]), float(middle[1]), LABEL))
-    canvas.draw_at(second, "world/put", rr.LineStrips3D(strips, colors=colours, radii=radii))
     words: Any = [kind for kind, _, _ in things]
-    colours = [MARKS[kind].colour or WHITE for kind, _, _ in things]
+    colours = [MARKS[kind].colour or WHITE for kind in words]
+    lines = [
+        (strip, colour, width)
+        for (kind, points, radius), colour in zip(things, colours, strict=True)
+        for strip, width in _strips(MARKS[kind].shape, points, radius)
+    ]
+    _draw_lines(canvas, second, "world/put", lines)
+    names = [(*np.mean(points, axis=0).tolist(), LABEL) for _, points, _ in things]
     label = rr.Points3D(names, labels=words, colors=colours, radii=[0.0] * len(names), show_labels=True)
     canvas.draw_at(second, "world/put/names", label)
 

@@ -14,15 +14,18 @@ from actors.task.task import SYMBOLS, MarkStyle, TaskDeclaration, style_fault
 Colour = tuple[int, int, int]
 """Red, green, blue, 0 to 255."""
 
-ROBOTS: Final[tuple[Colour, ...]] = (
-    (0, 114, 178),
-    (213, 94, 0),
-    (0, 158, 115),
-    (204, 121, 167),
-    (230, 159, 0),
-    (86, 180, 233),
-    (120, 105, 105),
-    (135, 105, 75),
+
+def colour_of(text: str) -> Colour:
+    """Return a colour such as "#0072b2"."""
+    red, green, blue = bytes.fromhex(text.removeprefix("#"))
+    return red, green, blue
+
+
+ROBOTS: Final = tuple(
+    map(
+        colour_of,
+        ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#786969", "#87694b"),
+    )
 )
 """Robot colours in scenario order, then repeated. Any two differ by 10 or more in CIEDE2000 for
 normal, protanopic and deuteranopic vision; the last two are chosen here."""
@@ -40,14 +43,17 @@ BLACK: Final[Colour] = (0, 0, 0)
 GREY: Final[Colour] = (130, 130, 130)
 OUTCOME_COLOURS: Final[Mapping[str, Colour]] = MappingProxyType(
     {
-        "heard": (0, 114, 178),
-        "collision": (213, 60, 40),
-        "disturbed": (204, 121, 167),
-        "half duplex": (230, 159, 0),
-        "receiver busy": (138, 109, 59),
-        "below sensitivity": (128, 128, 128),
-        "powered off": (90, 90, 96),
-        "withheld": (148, 103, 189),
+        name: colour_of(text)
+        for name, text in {
+            "heard": "#0072b2",
+            "collision": "#d53c28",
+            "disturbed": "#cc79a7",
+            "half duplex": "#e69f00",
+            "receiver busy": "#8a6d3b",
+            "below sensitivity": "#808080",
+            "powered off": "#5a5a60",
+            "withheld": "#9467bd",
+        }.items()
     }
 )
 """Colours of outcomes of frames."""
@@ -114,42 +120,52 @@ class Mark(NamedTuple):
     """Text of the legend."""
 
 
-CAUSE_GLYPHS: Final[Mapping[str, StateGlyph]] = MappingProxyType(
+def _glyphs(styles: Mapping[str, tuple[str, str]]) -> Mapping[str, StateGlyph]:
+    """Return glyphs, from colours such as "#0072b2" and hatches."""
+    return MappingProxyType(
+        {name: StateGlyph(colour_of(colour), hatch) for name, (colour, hatch) in styles.items()}
+    )
+
+
+CAUSE_GLYPHS: Final = _glyphs(
     {
-        "driving": StateGlyph((54, 126, 93), ""),
-        "waiting at a door": StateGlyph((246, 122, 85), ""),
-        "blocked on open floor": StateGlyph((252, 192, 131), "//"),
-        "deadlock": StateGlyph((101, 7, 0), "xx"),
-        "livelock": StateGlyph((131, 183, 167), "++"),
-        "blocked by dead robot": StateGlyph((162, 46, 167), "\\\\"),
-        "done robot in the way": StateGlyph((207, 171, 243), "||"),
-        "closed door": StateGlyph((88, 84, 83), "--"),
-        "unreachable": StateGlyph((2, 21, 125), "oo"),
-        "no plan": StateGlyph((3, 75, 44), "..."),
-        "waits on purpose": StateGlyph((157, 89, 0), "///"),
-        "no progress": StateGlyph((231, 216, 9), ""),
-        "lost": StateGlyph((189, 121, 249), "**"),
-        "strategy idle": StateGlyph((235, 217, 191), "---"),
-        "idle": StateGlyph((79, 90, 112), ".."),
-        "frozen": StateGlyph((64, 134, 146), "OO"),
-        "off": StateGlyph((17, 19, 28), ""),
+        "driving": ("#367e5d", ""),
+        "waiting at a door": ("#f67a55", ""),
+        "blocked on open floor": ("#fcc083", "//"),
+        "deadlock": ("#650700", "xx"),
+        "livelock": ("#83b7a7", "++"),
+        "blocked by dead robot": ("#a22ea7", "\\\\"),
+        "done robot in the way": ("#cfabf3", "||"),
+        "closed door": ("#585453", "--"),
+        "unreachable": ("#02157d", "oo"),
+        "no plan": ("#034b2c", "..."),
+        "waits on purpose": ("#9d5900", "///"),
+        "no progress": ("#e7d809", ""),
+        "lost": ("#bd79f9", "**"),
+        "strategy idle": ("#ebd9bf", "---"),
+        "idle": ("#4f5a70", ".."),
+        "frozen": ("#408692", "OO"),
+        "off": ("#11131c", ""),
     }
 )
 """Causes by ground truth, in the stacking order of reports."""
-ACTIVITY_GLYPHS: Final[Mapping[str, StateGlyph]] = MappingProxyType(
+_OWN_ACTIVITIES: Final = _glyphs(
     {
-        **{word: CAUSE_GLYPHS[word] for word in ("driving", "deadlock", "idle", "frozen", "off")},
-        "planning": StateGlyph((35, 59, 88), "//"),
-        "no trajectory": StateGlyph((176, 112, 9), "\\\\"),
-        "backing out": StateGlyph((105, 79, 8), "||"),
-        "blocked": StateGlyph((181, 65, 61), "xx"),
-        "adopted": StateGlyph((4, 79, 210), "++"),
-        "elsewhere": StateGlyph((143, 101, 235), ".."),
-        "paused": StateGlyph((19, 38, 164), "--"),
-        "aborted": StateGlyph((226, 71, 107), "oo"),
-        "standing": StateGlyph((70, 69, 73), "**"),
-        "not heard": StateGlyph((33, 9, 1), "---"),
+        "planning": ("#233b58", "//"),
+        "no trajectory": ("#b07009", "\\\\"),
+        "backing out": ("#694f08", "||"),
+        "blocked": ("#b5413d", "xx"),
+        "adopted": ("#044fd2", "++"),
+        "elsewhere": ("#8f65eb", ".."),
+        "paused": ("#1326a4", "--"),
+        "aborted": ("#e2476b", "oo"),
+        "standing": ("#464549", "**"),
+        "not heard": ("#210901", "---"),
     }
+)
+ACTIVITY_GLYPHS: Final[Mapping[str, StateGlyph]] = MappingProxyType(
+    {word: CAUSE_GLYPHS[word] for word in ("driving", "deadlock", "idle", "frozen", "off")}
+    | dict(_OWN_ACTIVITIES)
 )
 """Activities that a robot reports, else observed ones, and `deadlock` by ground truth. All have enough
 contrast to white text."""
@@ -205,12 +221,7 @@ def _marks(styles: Mapping[str, MarkStyle]) -> dict[str, Mark]:
 def cause_glyphs(task: TaskDeclaration) -> dict[str, StateGlyph]:
     """Return the glyphs of all causes: CAUSE_GLYPHS, then own ones of the task; invalid ones are grey."""
     return dict(CAUSE_GLYPHS) | {
-        name: StateGlyph(GREY, "") if style_fault(style) else StateGlyph(_colour(style[0]), style[1])
+        name: StateGlyph(GREY, "") if style_fault(style) else StateGlyph(colour_of(style[0]), style[1])
         for name, style in task.causes.items()
         if name not in CAUSE_GLYPHS
     }
-
-
-def _colour(text: str) -> Colour:
-    red, green, blue = bytes.fromhex(text.removeprefix("#"))
-    return red, green, blue

@@ -59,10 +59,13 @@ def layout(contents: ViewerContents) -> rrb.Blueprint:
         _floor_view(contents), rrb.Horizontal(_lanes(contents), _plots(contents)), row_shares=[2.1, 1]
     )
     parts: list[Any] = [left, _right_part(contents)]
-    live = contents.end is None
+    return _blueprint(rrb.Horizontal(*parts, column_shares=[2.35, 1]), live=contents.end is None)
+
+
+def _blueprint(content: rrb.Horizontal, *, live: bool) -> rrb.Blueprint:
     speed: dict[str, Any] = {} if live else {"playback_speed": _SPEED}
     return rrb.Blueprint(
-        rrb.Horizontal(*parts, column_shares=[2.35, 1]),
+        content,
         rrb.BlueprintPanel(state="collapsed"),
         rrb.SelectionPanel(state="collapsed"),
         rrb.TimePanel(
@@ -81,14 +84,7 @@ def side_by_side(runs: Sequence[ViewerContents]) -> rrb.Blueprint:
         columns.append(
             rrb.Vertical(_floor_view(run, 2 * _NARROW / len(runs)), below, row_shares=[1.6, 1], name=run.name)
         )
-    return rrb.Blueprint(
-        rrb.Horizontal(*columns),
-        rrb.BlueprintPanel(state="collapsed"),
-        rrb.SelectionPanel(state="collapsed"),
-        rrb.TimePanel(state="collapsed", timeline=TIMELINE, play_state="paused", playback_speed=_SPEED),
-        auto_views=False,
-        auto_layout=False,
-    )
+    return _blueprint(rrb.Horizontal(*columns), live=False)
 
 
 def _floor_view(contents: ViewerContents, aspect: float = _ASPECT) -> rrb.Spatial3DView:
@@ -97,17 +93,16 @@ def _floor_view(contents: ViewerContents, aspect: float = _ASPECT) -> rrb.Spatia
     width, height = grid.corner.x - grid.origin.x, grid.corner.y - grid.origin.y
     x, y = grid.origin.x + width / 2, grid.origin.y + height / 2
     altitude = 1.04 * max(height, width / aspect) / 2 / math.tan(_FIELD_OF_VIEW / 2)
-    to_cursor = rrb.TimeRangeBoundary.cursor_relative()
-    recent = rrb.VisibleTimeRange(
-        TIMELINE, start=rrb.TimeRangeBoundary.cursor_relative(seconds=-RECENT_S), end=to_cursor
-    )
-    ever = rrb.VisibleTimeRange(TIMELINE, start=rrb.TimeRangeBoundary.infinite(), end=to_cursor)
-    trails: dict[Any, Any] = {
-        f"{contents.root}/world/trails/{robot}": [rrb.VisibleTimeRanges([recent])]
-        for robot in contents.robots
+    boundary = rrb.TimeRangeBoundary
+    starts = {"trails": boundary.cursor_relative(seconds=-RECENT_S), "history": boundary.infinite()}
+    ranges = {
+        path: rrb.VisibleTimeRange(TIMELINE, start=start, end=boundary.cursor_relative())
+        for path, start in starts.items()
     }
-    history: dict[Any, Any] = {
-        f"{contents.root}/world/history/{robot}": [rrb.VisibleTimeRanges([ever])] for robot in contents.robots
+    shown: dict[Any, Any] = {
+        f"{contents.root}/world/{path}/{robot}": [rrb.VisibleTimeRanges([one])]
+        for path, one in ranges.items()
+        for robot in contents.robots
     }
     truth = "Swarm, ground truth" if contents.true else "Swarm, estimated poses"
     return rrb.Spatial3DView(
@@ -117,7 +112,7 @@ def _floor_view(contents: ViewerContents, aspect: float = _ASPECT) -> rrb.Spatia
         background=_GROUND,
         line_grid=False,
         eye_controls=_camera(x, y, altitude),
-        overrides={**trails, **history},
+        overrides=shown,
     )
 
 

@@ -7,7 +7,19 @@ import numpy as np
 import rerun as rr
 from numpy.typing import NDArray
 
-from actors.observer.canvas import BODY, CIRCLE, CLOUD, COSTS, NOSE, WAY, Canvas, at_height, packed, ring
+from actors.observer.canvas import (
+    BODY,
+    CIRCLE,
+    CLOUD,
+    COSTS,
+    NOSE,
+    WAY,
+    Canvas,
+    at_height,
+    packed,
+    quaternions,
+    ring,
+)
 from actors.observer.glyphs import (
     ACTIVITY_GLYPHS,
     ARC,
@@ -311,7 +323,6 @@ def draw_costs(
     if not len(costs):
         return
     n, rows, columns = costs.shape
-    none, half = np.zeros(n), corners[:, 2] / 2
     kind = rr.components.ImageFormat(width=columns, height=rows, color_model="RGBA", channel_datatype="U8")
     shown = _HUES[costs[:, ::-1]]
     canvas.draw_columns(
@@ -321,8 +332,8 @@ def draw_costs(
             data=[window.tobytes() for window in shown],
             format=[kind] * n,
             cell_size=[cell] * n,
-            translation=np.column_stack((corners[:, :2], np.full(n, COSTS))).astype(np.float32),
+            translation=at_height(corners[:, :2], COSTS),
             opacity=[_OPACITY] * n,
-            quaternion=np.column_stack((none, none, np.sin(half), np.cos(half))).astype(np.float32),
+            quaternion=quaternions(corners[:, 2]),
         ),
     )

@@ -8,7 +8,7 @@ import numpy as np
 import rerun as rr
 from numpy.typing import NDArray
 
-from actors.observer.canvas import BODY, LABEL, NOSE, TRAIL, Canvas, at_height, ring
+from actors.observer.canvas import BODY, LABEL, NOSE, TRAIL, Canvas, at_height, quaternions, ring
 from actors.observer.canvas import LINK as HEIGHT
 from actors.observer.glyphs import (
     LINK,
@@ -51,9 +51,7 @@ def draw_body(canvas: Canvas, robot: str) -> None:
 
 def draw_poses(canvas: Canvas, robot: str, seconds: Floats, poses: Floats) -> None:
     """Draw a robot's poses, (n, 3), x, y, m, and heading, rad, from each instant on, (n,), s."""
-    none, half = np.zeros(len(poses)), poses[:, 2] / 2
-    where = np.column_stack((poses[:, :2], none)).astype(np.float32)
-    turned = np.column_stack((none, none, np.sin(half), np.cos(half))).astype(np.float32)
+    where, turned = at_height(poses[:, :2], 0.0), quaternions(poses[:, 2])
     canvas.draw_columns(f"world/robots/{robot}", seconds, rr.Transform3D.columns(translation=where))
     canvas.draw_columns(f"world/robots/{robot}/turn", seconds, rr.Transform3D.columns(quaternion=turned))
 
