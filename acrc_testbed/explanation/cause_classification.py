@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from acrc_testbed.explanation import robot_states
-from acrc_testbed.explanation.episodes import STANDARD, CauseCriteria, true_intervals
+from acrc_testbed.explanation.episodes import STANDARD, true_intervals
 from acrc_testbed.explanation.robot_states import NO_ROBOT, Flags, RobotStates, estimates_in_walls
 from acrc_testbed.explanation.time_spent import BlockingEvent, Cause, DeadlockCount, Finding
 from acrc_testbed.explanation.true_floor import Passages, TrueFloor
@@ -109,23 +109,20 @@ class CauseTable:
 def classify(
     run: RunData,
     floor: TrueFloor,
-    parameters: CauseCriteria = STANDARD,
 ) -> CauseTable:
     """Determine the cause of each step of each robot."""
-    states = RobotStates(run, floor.stages(), parameters)
+    states = RobotStates(run, floor.stages())
     own_names = [name for name in run.description.task.causes if name not in CAUSES]
     names = (*CAUSES, *own_names[:_MOST_OWN])
     task = _task_causes(run, names)
     own = _independent_causes(states, estimates_in_walls(run, floor.grid), task)
     stuck = (states.waits | states.moves_to_and_fro | states.planless) & (own == _UNDECIDED)
-    before = robot_states.first_robots_ahead(states, stuck, floor.passages, parameters)
-    barred = _floor_causes(states, stuck, before, parameters)
+    before = robot_states.first_robots_ahead(states, stuck, floor.passages)
+    barred = _floor_causes(states, stuck, before)
     alone = stuck & states.waits & (before == NO_ROBOT) & (barred == _UNDECIDED)
-    near = robot_states.nearest_robots_beside(states, alone, floor.passages, parameters)
+    near = robot_states.nearest_robots_beside(states, alone, floor.passages)
     before = np.where(alone, near, before)
-    causes, found = _propagate_causes(
-        states, own, before, barred, _at_door(run, before, floor.passages, parameters)
-    )
+    causes, found = _propagate_causes(states, own, before, barred, _at_door(run, before, floor.passages))
     stood = ((states.waits & (before != NO_ROBOT)) | states.stands_long) & ~states.paused
     stood &= task == _UNDECIDED
     return CauseTable(causes, before, found.root, found.ring, stood, found.at_door, names)
@@ -158,7 +155,7 @@ def _independent_causes(states: RobotStates, walled: Flags, task: Causes) -> Cau
     return own
 
 
-def _floor_causes(states: RobotStates, stuck: Flags, before: NDArray[np.int32], p: CauseCriteria) -> Causes:
+def _floor_causes(states: RobotStates, stuck: Flags, before: NDArray[np.int32]) -> Causes:
     """Return CLOSED_DOOR or UNREACHABLE where the floor blocks the path to the goal; else _UNDECIDED."""
     causes = np.full(stuck.shape, _UNDECIDED, np.uint8)
     closed, unreachable = CAUSES.index(Cause.CLOSED_DOOR), CAUSES.index(Cause.UNREACHABLE)
@@ -172,13 +169,13 @@ def _floor_causes(states: RobotStates, stuck: Flags, before: NDArray[np.int32], 
             causes[rows[no_path & ~np.isfinite(stage.opened.lengths(here, goal))], robot] = unreachable
             if len(stage.leaves):
                 first = rows[~no_path & (before[rows, robot] == NO_ROBOT)]
-                for step in first[_leads_through_closed_door(states, robot, first, goal, p)].tolist():
+                for step in first[_leads_through_closed_door(states, robot, first, goal)].tolist():
                     causes[step, robot] = closed
     return causes
 
 
 def _leads_through_closed_door(
-    states: RobotStates, robot: int, rows: NDArray[np.int64], goal: tuple[float, float], p: CauseCriteria
+    states: RobotStates, robot: int, rows: NDArray[np.int64], goal: tuple[float, float]
 ) -> Flags:
     """Return where a closed door is near on the path that would exist with open doors, (rows,)."""
     leads = np.zeros(len(rows), np.bool_)
@@ -190,20 +187,20 @@ def _leads_through_closed_door(
             inside = same & (groups.reshape(-1) == square)
             if inside.any():
                 x, y = here[inside.argmax()].tolist()
-                path = stage.opened.path((x, y), goal, p.view_distance)
+                path = stage.opened.path((x, y), goal, STANDARD.view_distance)
                 if path is not None:
                     gaps = np.hypot(*(path[:, None] - stage.leaves).transpose(2, 0, 1))
-                    leads[inside] = gaps.min() <= p.stand_radius
+                    leads[inside] = gaps.min() <= STANDARD.stand_radius
     return leads
 
 
-def _at_door(run: RunData, before: NDArray[np.int32], passages: Passages, p: CauseCriteria) -> Flags:
+def _at_door(run: RunData, before: NDArray[np.int32], passages: Passages) -> Flags:
     """Return where a robot waits and one of the pair, or their midpoint, is at a door, (steps, robots)."""
     doors = np.zeros(before.shape, np.bool_)
     rows, robots = np.nonzero(before != NO_ROBOT)
     if rows.size:
         one, other = run.true[rows, robots, :2], run.true[rows, before[rows, robots], :2]
-        at = passages.are_at_passage(np.concatenate([one, other, (one + other) / 2]), p.door_distance)
+        at = passages.are_at_passage(np.concatenate([one, other, (one + other) / 2]), STANDARD.door_distance)
         doors[rows, robots] = np.any(at.reshape(3, -1), axis=0)
     return doors
 
@@ -286,13 +283,13 @@ def blocked_by_robots(classified: CauseTable) -> NDArray[np.bool_]:
     return blocked
 
 
-def blocking_events(run: RunData, classified: CauseTable, p: CauseCriteria) -> tuple[BlockingEvent, ...]:
+def blocking_events(run: RunData, classified: CauseTable) -> tuple[BlockingEvent, ...]:
     """Return all blockings by start and robots: pairs of which one or both wait for the other.
 
     Interruptions of up to `pause_s` are ignored, and so are shorter blockings. A queue of three is two
     blockings.
     """
-    max_gap = seconds(p.pause_s) // run.step_us
+    max_gap = seconds(STANDARD.pause_s) // run.step_us
     found = [
         (begin, pair, end)
         for pair, mask in _pairs(classified, blocked_by_robots(classified)).items()
@@ -301,9 +298,9 @@ def blocking_events(run: RunData, classified: CauseTable, p: CauseCriteria) -> t
     return tuple(_blocking_event(run, classified, pair, begin, end) for begin, pair, end in sorted(found))
 
 
-def deadlocks(run: RunData, classified: CauseTable, p: CauseCriteria) -> DeadlockCount:
+def deadlocks(run: RunData, classified: CauseTable) -> DeadlockCount:
     """Count pairs in a deadlock of at least `deadlock_s`, and those resolved before the end."""
-    max_gap, least = (seconds(each) // run.step_us for each in (p.pause_s, p.deadlock_s))
+    max_gap, least = (seconds(each) // run.step_us for each in (STANDARD.pause_s, STANDARD.deadlock_s))
     steps, pairs, free = len(run.true), 0, 0
     for mask in _pairs(classified, classified.ring & classified.has_cause(Cause.DEADLOCK)).values():
         for episode in true_intervals(_close_gaps(mask, max_gap), least):
@@ -360,27 +357,27 @@ _FRAMES: Final = 3
 """Minimum number of frames handed to the radio by a robot that should be received."""
 
 
-def findings(run: RunData, passages: Passages, p: CauseCriteria) -> tuple[Finding, ...]:
+def findings(run: RunData, passages: Passages) -> tuple[Finding, ...]:
     """Return all findings of a run."""
-    return (*_contact_findings(run, passages, p), *_carry_findings(run, p))
+    return (*_contact_findings(run, passages), *_carry_findings(run))
 
 
-def _contact_findings(run: RunData, passages: Passages, p: CauseCriteria) -> Iterator[Finding]:
+def _contact_findings(run: RunData, passages: Passages) -> Iterator[Finding]:
     """Yield the intervals in which a robot received nothing although others in range had frames to send.
 
     Their frames need not have been sent: the channel may have been busy.
     """
-    least = seconds(p.silent_s) // run.step_us
+    least = seconds(STANDARD.silent_s) // run.step_us
     for index, robot in enumerate(run.robots):
         without_reception = run.stepping[:, index] & (run.frames_heard[:, index] == 0)
         for begin, end in true_intervals(without_reception, least):
-            near = _robots_in_range(run, index, begin, end, passages, p)
+            near = _robots_in_range(run, index, begin, end, passages)
             if near:
                 since, until = run.duration(begin), run.duration(end)
                 jam = _jam_text(run, index, begin, end)
                 says = (
                     f"{robot} received no frames from {since:g} s to {until:g} s, with {', '.join(near)} "
-                    f"within {p.contact:g} m{jam}"
+                    f"within {STANDARD.contact:g} m{jam}"
                 )
                 yield Finding(NO_CONTACT, (robot,), says)
 
@@ -391,7 +388,6 @@ def _robots_in_range(
     begin: int,
     end: int,
     passages: Passages,
-    p: CauseCriteria,
 ) -> list[str]:
     """Return the robots that were in range during the whole interval and had frames to send."""
     here = run.true[begin:end, index, :2]
@@ -400,7 +396,10 @@ def _robots_in_range(
         there = run.true[begin:end, other, :2]
         if other == index or run.frames_sent[begin:end, other].sum() < _FRAMES:
             continue
-        if bool((np.hypot(*(there - here).T) <= p.contact).all() and passages.are_visible(here, there).all()):
+        if bool(
+            (np.hypot(*(there - here).T) <= STANDARD.contact).all()
+            and passages.are_visible(here, there).all()
+        ):
             found.append(name)
     return found
 
@@ -415,10 +414,10 @@ def _jam_text(run: RunData, index: int, begin: int, end: int) -> str:
     return f"; for {run.duration(int(within.sum())):g} s in range of a jammer" if within.any() else ""
 
 
-def _carry_findings(run: RunData, p: CauseCriteria) -> Iterator[Finding]:
+def _carry_findings(run: RunData) -> Iterator[Finding]:
     """Yield robots that changed position between two steps."""
     hops = np.hypot(*np.moveaxis(np.diff(run.true[..., :2], axis=0), -1, 0))
     for index, robot in enumerate(run.robots):
-        for step in np.flatnonzero(hops[:, index] > p.carry_distance).tolist():
+        for step in np.flatnonzero(hops[:, index] > STANDARD.carry_distance).tolist():
             at = run.duration(step + 1)
             yield Finding(CARRIED, (robot,), f"{robot} was carried {hops[step, index]:.1f} m at {at:g} s")

@@ -33,22 +33,6 @@ _FRAGMENT_TIMEOUT_US: Final = 2_000_000
 """Maximum time between fragments of one packet (`deeco.link.LinkParameters`)."""
 
 
-class ReceivedFrame(NamedTuple):
-    """One received frame."""
-
-    instant: Instant
-    """End of its last symbol."""
-    sender: str
-    """Robot that sent it."""
-    octets: int
-    """Payload, bytes."""
-    airtime_us: int
-    rssi_dbm: float
-    lqi: int
-    handed: Instant | None
-    """When the sender handed it to its transceiver; None without a recording of the radio."""
-
-
 class FrameLoss(NamedTuple):
     """One frame that was lost at the receiver."""
 
@@ -74,7 +58,7 @@ class RadioTraffic:
         """Return the robot with a short address, or a description of the address."""
         return self._robots.get(address, f"address {address}")
 
-    def frames(self, arrival: Arrival) -> tuple[ReceivedFrame, ...]:
+    def frames(self, arrival: Arrival) -> tuple[FrameReceived, ...]:
         """Return the frames of a packet in order; the last one is the arrival."""
         last = next((one for one in self._heard if one.instant == arrival.instant), None)
         if last is None:
@@ -82,7 +66,7 @@ class RadioTraffic:
         packets = _packets(last.data)
         since = Instant(arrival.instant - _FRAGMENT_TIMEOUT_US)
         return tuple(
-            self._frame(one)
+            one
             for one in self._heard
             if since <= one.instant <= arrival.instant
             and one.sender == arrival.sender
@@ -128,11 +112,9 @@ class RadioTraffic:
     def _handed(self) -> dict[tuple[str, int], Instant]:
         return {(frame.robot, frame.ended): Instant(frame.handed) for frame in self._sent}
 
-    def _frame(self, heard: FrameReceived) -> ReceivedFrame:
-        sender, size = self.robot(heard.sender), len(heard.data)
-        handed = self._handed.get((sender, heard.instant))
-        instant = Instant(heard.instant)
-        return ReceivedFrame(instant, sender, size, airtime_us(size), heard.rssi_dbm, heard.lqi, handed)
+    def handed(self, frame: FrameReceived) -> Instant | None:
+        """Return when the sender handed a frame to its transceiver; None without a radio's recording."""
+        return self._handed.get((self.robot(frame.sender), frame.instant))
 
 
 def _packets(data: bytes) -> set[tuple[int, int]]:
@@ -402,7 +384,7 @@ class ChainBuilder:
         )  # fmt: skip
         if read.arrival is not None:
             for frame in reversed(self._traffic.frames(read.arrival)):
-                yield _frame_link(frame, read.hops, depth + 1)
+                yield _frame_link(self._traffic, frame, read.hops, depth + 1)
         yield from self._lost(read, depth + 1)
 
     def _lost(self, read: ReplicaRead, depth: int) -> Iterator[CauseLink]:
@@ -420,19 +402,20 @@ class ChainBuilder:
         yield _loss_link(lost, sorted(senders), since, read.heard, depth)
 
 
-def _frame_link(frame: ReceivedFrame, hops: int, depth: int) -> CauseLink:
+def _frame_link(traffic: RadioTraffic, frame: FrameReceived, hops: int, depth: int) -> CauseLink:
+    sender, at, size = traffic.robot(frame.sender), traffic.handed(frame), len(frame.data)
+    airtime_ms = airtime_us(size) / 1000
     relayed = "direct" if not hops else "relayed once" if hops == 1 else f"relayed {hops} times"
-    handed = "" if frame.handed is None else f", handed to the transceiver at {seconds(frame.handed)} s"
+    handed = "" if at is None else f", handed to the transceiver at {seconds(at)} s"
     says = (
-        f"received in a frame of {frame.sender}, {relayed}: {frame.octets} bytes, "
-        f"{frame.airtime_us / 1000:.2f} ms on the air, {frame.rssi_dbm:.0f} dBm{handed}"
+        f"received in a frame of {sender}, {relayed}: {size} bytes, "
+        f"{airtime_ms:.2f} ms on the air, {frame.rssi_dbm:.0f} dBm{handed}"
     )
     about = {
-        "sender": frame.sender, "hops": hops, "rssi_dbm": frame.rssi_dbm, "lqi": frame.lqi,
-        "bytes": frame.octets, "airtime_ms": frame.airtime_us / 1000,
-        "handed_s": None if frame.handed is None else in_seconds(frame.handed),
+        "sender": sender, "hops": hops, "rssi_dbm": frame.rssi_dbm, "lqi": frame.lqi,
+        "bytes": size, "airtime_ms": airtime_ms, "handed_s": None if at is None else in_seconds(at),
     }  # fmt: skip
-    return _link(frame.instant, "frame", says, depth, about)
+    return _link(Instant(frame.instant), "frame", says, depth, about)
 
 
 def _loss_link(

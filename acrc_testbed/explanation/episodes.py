@@ -115,7 +115,7 @@ def true_intervals(mask: NDArray[np.bool_], least: int = 1) -> list[Episode]:
     return [Episode(begin, end) for begin, end in pairs if end - begin >= least]
 
 
-def lost_intervals(errors: NDArray[np.float64], parameters: CauseCriteria = STANDARD) -> list[Episode]:
+def lost_intervals(errors: NDArray[np.float64]) -> list[Episode]:
     """Return when a robot was lost: from an error above `lost` until one below `relocalised`.
 
     `errors`: (samples,), localisation error, m; NaN (unknown) keeps the state.
@@ -123,9 +123,9 @@ def lost_intervals(errors: NDArray[np.float64], parameters: CauseCriteria = STAN
     is_lost = np.zeros(errors.size, np.bool_)
     now = False
     for sample, error in enumerate(errors.tolist()):
-        if error > parameters.lost:
+        if error > STANDARD.lost:
             now = True
-        elif error < parameters.relocalised:
+        elif error < STANDARD.relocalised:
             now = False
         is_lost[sample] = now
     return true_intervals(is_lost)

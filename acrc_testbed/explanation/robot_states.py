@@ -10,7 +10,7 @@ from acrc_testbed.explanation.episodes import (
     ABORTED,
     NO_GOAL,
     REACHED,
-    CauseCriteria,
+    STANDARD,
     Episode,
     interval_mask,
     lost_intervals,
@@ -31,9 +31,9 @@ _RADIUS: Final = 0.177
 class RobotStates:
     """States of all robots of a run; flags are (steps, robots)."""
 
-    def __init__(self, run: RunData, stages: Sequence[FloorStage], p: CauseCriteria) -> None:
+    def __init__(self, run: RunData, stages: Sequence[FloorStage]) -> None:
         steps = len(run.true)
-        self.run, self.stages, self._p = run, stages, p
+        self.run, self.stages = run, stages
         self._reports = [run.reports.get(robot, RobotReport()) for robot in run.robots]
         self.stage = np.searchsorted([one.begin for one in stages], np.arange(steps), side="right") - 1
         """(steps,): index of the floor's stage."""
@@ -46,17 +46,18 @@ class RobotStates:
         """(steps, robots): number of the current goal; NO_GOAL: none or unknown."""
         self.on = run.stepping
         self.frozen = np.zeros_like(self.on) if run.frozen is None else run.frozen
-        self.stands = self._standing(self.on, p.pause_s)
+        self.stands = self._standing(self.on, STANDARD.pause_s)
         unknown = np.array([one.goals is None for one in self._reports])
         self.wants = ((self.goal != NO_GOAL) | unknown) & run.busy & self.on
         """It has a goal that is not reached, and items left."""
         self.waits = self.stands & self.wants
         """It stands although it has a goal."""
-        self.stands_long = self._standing(self.wants, p.turn_s)
+        self.stands_long = self._standing(self.wants, STANDARD.turn_s)
         self.done = self.stands & ~run.busy
         self.strategy_idle = _columns(
             _long_only(
-                self.stands[:, index] & ~self.wants[:, index] & run.busy[:, index], self._steps(p.pause_s)
+                self.stands[:, index] & ~self.wants[:, index] & run.busy[:, index],
+                self._steps(STANDARD.pause_s),
             )
             for index in range(len(self._reports))
         )
@@ -64,9 +65,9 @@ class RobotStates:
         self.planless = _columns(interval_mask(one.planless, run) for one in self._reports) & self.wants
         self.paused = _columns(interval_mask(one.paused, run) for one in self._reports) & self.wants
         """Its strategy has paused navigation and keeps the goal."""
-        self.lost = _columns(_lost(error, p) for error in localisation_errors(run).T)
+        self.lost = _columns(_lost(error) for error in localisation_errors(run).T)
         self._turns = _turns(run)
-        turning = np.abs(self._turns) > p.turning * in_seconds(run.step_us)
+        turning = np.abs(self._turns) > STANDARD.turning * in_seconds(run.step_us)
         idle = [self._without_progress(index) for index in range(len(self._reports))]
         self.drives_to_and_fro = self._moving(idle, ~self.stands)
         """It drives to and fro without progress."""
@@ -110,7 +111,7 @@ class RobotStates:
         true, window = self.run.true, min(self._steps(lasting_s), len(self.run.true))
         robots = range(true.shape[1])
         return _columns(
-            standing_mask(true[:, index, :2], where[:, index], window, self._p.stand_radius)
+            standing_mask(true[:, index, :2], where[:, index], window, STANDARD.stand_radius)
             for index in robots
         )
 
@@ -118,7 +119,7 @@ class RobotStates:
         """Return the intervals without progress towards any goal."""
         if self._reports[robot].goals is None:
             return []
-        return true_intervals(~self._progresses(robot) & self.wants[:, robot], self._steps(self._p.wait_s))
+        return true_intervals(~self._progresses(robot) & self.wants[:, robot], self._steps(STANDARD.wait_s))
 
     def _moving(self, stretches: Sequence[Sequence[Episode]], moves: Flags) -> Flags:
         """Return the intervals in which a robot moves to and fro most of the time, (steps, robots)."""
@@ -135,7 +136,7 @@ class RobotStates:
         steps = slice(*stretch)
         path = self.run.true[steps, robot, :2]
         driven = np.hypot(*np.diff(path, axis=0).T).sum() + _RADIUS * np.abs(self._turns[steps, robot]).sum()
-        return bool(driven >= self._p.to_and_fro * np.hypot(*np.ptp(path, axis=0)))
+        return bool(driven >= STANDARD.to_and_fro * np.hypot(*np.ptp(path, axis=0)))
 
     def _progresses(self, robot: int) -> Flags:
         """Return where a robot makes progress towards a goal, or reaches one, (steps,)."""
@@ -150,7 +151,7 @@ class RobotStates:
                 best.clear()
                 continue
             key = self.goal_of(robot, goals[step]), stages[step]
-            if key not in best or metres < best[key] - self._p.min_progress:
+            if key not in best or metres < best[key] - STANDARD.min_progress:
                 best[key] = metres
                 progress[step] = True
         return progress
@@ -163,7 +164,7 @@ class RobotStates:
                 continue
             step = self.run.index(goal.end)
             x, y = self.run.true[step, robot, :2]
-            if goal.how == REACHED or np.hypot(goal.x - x, goal.y - y) <= self._p.visit_radius:
+            if goal.how == REACHED or np.hypot(goal.x - x, goal.y - y) <= STANDARD.visit_radius:
                 reached[step] = True
         return reached
 
@@ -196,10 +197,10 @@ def estimates_in_walls(run: RunData, grid: OccupancyGrid) -> Flags:
     return in_obstacle
 
 
-def _lost(error: NDArray[np.float64], p: CauseCriteria) -> Flags:
+def _lost(error: NDArray[np.float64]) -> Flags:
     is_lost = np.zeros(error.size, np.bool_)
-    if np.nanmax(error, initial=0.0) > p.lost:
-        for begin, end in lost_intervals(error, p):
+    if np.nanmax(error, initial=0.0) > STANDARD.lost:
+        for begin, end in lost_intervals(error):
             is_lost[begin:end] = True
     return is_lost
 
@@ -223,7 +224,7 @@ Points = NDArray[np.float64]
 Indices = NDArray[np.int32]
 
 
-def first_robots_ahead(states: RobotStates, stuck: Flags, passages: Passages, p: CauseCriteria) -> Indices:
+def first_robots_ahead(states: RobotStates, stuck: Flags, passages: Passages) -> Indices:
     """Return the first robot on the path of each stuck robot, (steps, robots); NO_ROBOT: none."""
     found = np.full(stuck.shape, NO_ROBOT, np.int32)
     for robot in range(stuck.shape[1]):
@@ -232,12 +233,12 @@ def first_robots_ahead(states: RobotStates, stuck: Flags, passages: Passages, p:
             _, groups = np.unique(squares, axis=0, return_inverse=True)
             for number in range(int(groups.max()) + 1):
                 same = rows[groups.reshape(-1) == number]
-                path = _path_start(states, robot, int(same[0]), goal, stage, p.sensed)
-                found[same, robot] = _first_blocking(states, robot, same, path, passages, p)
+                path = _path_start(states, robot, int(same[0]), goal, stage, STANDARD.sensed)
+                found[same, robot] = _first_blocking(states, robot, same, path, passages)
     return found
 
 
-def nearest_robots_beside(states: RobotStates, stuck: Flags, passages: Passages, p: CauseCriteria) -> Indices:
+def nearest_robots_beside(states: RobotStates, stuck: Flags, passages: Passages) -> Indices:
     """Return the nearest standing robot that a robot cannot pass, (steps, robots); NO_ROBOT: none."""
     found = np.full(stuck.shape, NO_ROBOT, np.int32)
     for robot in range(stuck.shape[1]):
@@ -245,7 +246,7 @@ def nearest_robots_beside(states: RobotStates, stuck: Flags, passages: Passages,
         there, here = states.run.true[rows, :, :2], states.run.true[rows, robot, :2]
         gaps = np.hypot(*(there - here[:, None]).transpose(2, 0, 1))
         gaps[:, robot] = np.inf
-        gaps[~states.waits[rows] | (gaps >= p.in_way)] = np.inf
+        gaps[~states.waits[rows] | (gaps >= STANDARD.in_way)] = np.inf
         nearest = gaps.argmin(axis=1)
         near = np.flatnonzero(np.isfinite(gaps.min(axis=1)))
         near = near[passages.are_visible(here[near], there[near, nearest[near]])]
@@ -281,16 +282,15 @@ def _first_blocking(
     rows: NDArray[np.int64],
     path: Points,
     passages: Passages,
-    p: CauseCriteria,
 ) -> Indices:
     """Return the first robot that blocks the path, (rows,); NO_ROBOT: none."""
     there = states.run.true[rows, :, :2]
     gaps = np.hypot(*(there[:, :, None] - path).transpose(3, 0, 1, 2))
     along = gaps.argmin(axis=2)
-    limit = np.where(states.stands_long[rows, robot], p.view_distance, p.block_distance)
-    limit[states.planless[rows, robot]] = p.sensed
+    limit = np.where(states.stands_long[rows, robot], STANDARD.view_distance, STANDARD.block_distance)
+    limit[states.planless[rows, robot]] = STANDARD.sensed
     lateral = gaps.min(axis=2)
-    inside = (lateral < p.in_way) & (along * _PATH_STEP >= np.maximum(lateral, _PATH_STEP))
+    inside = (lateral < STANDARD.in_way) & (along * _PATH_STEP >= np.maximum(lateral, _PATH_STEP))
     inside &= np.hypot(*(there - path[0]).transpose(2, 0, 1)) <= limit[:, None]
     inside[:, robot] = False
     one, other = np.nonzero(inside)

@@ -16,7 +16,7 @@ from acrc_testbed.explanation.cause_classification import (
     deadlocks,
     findings,
 )
-from acrc_testbed.explanation.episodes import STANDARD, CauseCriteria, interval_mask, true_intervals
+from acrc_testbed.explanation.episodes import STANDARD, interval_mask, true_intervals
 from acrc_testbed.explanation.robot_states import NO_ROBOT
 from acrc_testbed.explanation.time_spent import (
     ChainRoot,
@@ -40,12 +40,12 @@ SUPERSEDED = "superseded"
 END = "end"
 
 
-def decision_events(run: RunData, classified: CauseTable, p: CauseCriteria) -> tuple[DecisionEvent, ...]:
+def decision_events(run: RunData, classified: CauseTable) -> tuple[DecisionEvent, ...]:
     """Return all listed decisions by instant and robot."""
     found = [
         event
         for index, robot in enumerate(run.robots)
-        for event in _robot_events(run, index, run.reports.get(robot, RobotReport()).decisions, classified, p)
+        for event in _robot_events(run, index, run.reports.get(robot, RobotReport()).decisions, classified)
     ]
     return tuple(sorted(found, key=lambda one: (one.instant_s, one.robot)))
 
@@ -55,14 +55,13 @@ def _robot_events(
     index: int,
     decisions: Sequence[AdaptationDecision],
     classified: CauseTable,
-    p: CauseCriteria,
 ) -> Iterator[DecisionEvent]:
     stood = classified.stood[:, index]
     for number, decision in enumerate(decisions):
         first = run.index(decision.instant)
         after = [run.index(one.instant) for one in decisions[number + 1 :] if one.instant > decision.instant]
         last = min(after, default=len(stood))
-        outcome, free = _outcome(run.true[first:last, index, :2], stood[first:last], decision, p)
+        outcome, free = _outcome(run.true[first:last, index, :2], stood[first:last], decision)
         if outcome == SUPERSEDED and last == len(stood):
             outcome = END
         before = _standing_steps(stood[: first + 1])
@@ -81,14 +80,14 @@ def _robot_events(
 
 
 def _outcome(
-    path: NDArray[np.float64], stood: NDArray[np.bool_], decision: AdaptationDecision, p: CauseCriteria
+    path: NDArray[np.float64], stood: NDArray[np.bool_], decision: AdaptationDecision
 ) -> tuple[str, int | None]:
     """Return the outcome until the next decision, and the number of steps until the robot moved again."""
     moves = np.flatnonzero(~stood)
     free = int(moves[0]) if moves.size else None
     if decision.new is not None:
         offset = path - np.array(decision.new)
-        if bool((np.hypot(offset[:, 0], offset[:, 1]) <= p.visit_radius).any()):
+        if bool((np.hypot(offset[:, 0], offset[:, 1]) <= STANDARD.visit_radius).any()):
             return VISITED, free
     if free is None:
         return SUPERSEDED, None
@@ -143,7 +142,7 @@ class RunCauses(NamedTuple):
     causes: CauseTable
 
 
-def determine_causes(run: RunData, parameters: CauseCriteria = STANDARD) -> RunCauses:
+def determine_causes(run: RunData) -> RunCauses:
     """Determine the cause of each step of each robot; without its reports, from ground truth alone.
 
     Raises RunDataError if changes of the floor were not recorded.
@@ -151,26 +150,26 @@ def determine_causes(run: RunData, parameters: CauseCriteria = STANDARD) -> RunC
     if not run.records_floor:
         raise RunDataError(f"{run.out}: causes are unknown: {NO_CHANGES}")
     changes = [(round(second * 1e6) // run.step_us, state) for second, state in run.floor]
-    floor = TrueFloor(run.grid, run.description.radius, changes, parameters)
-    return RunCauses(floor, classify(run, floor, parameters))
+    floor = TrueFloor(run.grid, run.description.radius, changes)
+    return RunCauses(floor, classify(run, floor))
 
 
-def account_time(out: Path, parameters: CauseCriteria = STANDARD) -> TimeSpent:
+def account_time(out: Path) -> TimeSpent:
     """Return the time accounting of the run in a folder.
 
     Raises RunDataError if it is not a simulated run, RecordingError or OutcomeError if it is damaged.
     """
     all_recordings(out)
     run = read_run(out)
-    floor, classified = determine_causes(run, parameters)
+    floor, classified = determine_causes(run)
     return TimeSpent(
         robots=_seconds_by_cause(run, classified),
-        blockings=blocking_events(run, classified, parameters),
+        blockings=blocking_events(run, classified),
         diagnosis=diagnosis_score(run, classified),
-        decisions=decision_events(run, classified, parameters),
+        decisions=decision_events(run, classified),
         decisions_left_out=sum(one.unlisted for one in run.reports.values()),
-        findings=findings(run, floor.passages, parameters),
-        deadlocks=deadlocks(run, classified, parameters),
+        findings=findings(run, floor.passages),
+        deadlocks=deadlocks(run, classified),
         blames=_chain_roots(run, classified),
     )
 

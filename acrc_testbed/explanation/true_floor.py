@@ -8,7 +8,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from acrc_testbed.explanation.episodes import STANDARD, CauseCriteria
+from acrc_testbed.explanation.episodes import STANDARD
 from acrc_testbed.run_model.floor import FloorObject, FloorState
 from actors.floor import raster
 from actors.floor.doors import DoorError, Doorways
@@ -231,15 +231,14 @@ class TrueFloor:
         grid: OccupancyGrid,
         radius: float,
         changes: Sequence[tuple[int, FloorState]] = (),
-        parameters: CauseCriteria = STANDARD,
     ) -> None:
         """`grid`: the robots' map; `radius`: radius of the largest robot, m.
 
         `changes`: steps, each with all objects on the floor from then on.
         """
         self.grid = grid
-        self.passages = Passages(grid, radius, parameters.neck)
-        self._radius, self._reach = radius, parameters.reported
+        self.passages = Passages(grid, radius, STANDARD.neck)
+        self._radius, self._reach = radius, STANDARD.reported
         self._changes = changes
 
     def stages(self) -> list[FloorStage]:

@@ -22,7 +22,6 @@ from acrc_testbed.explanation.cause_classification import (
     classify,
     deadlocks,
 )
-from acrc_testbed.explanation.episodes import STANDARD
 from acrc_testbed.explanation.time_accounting import account_time, decision_events, diagnosis_score
 from acrc_testbed.explanation.time_spent import Cause, DeadlockCount, TimeSpent
 from acrc_testbed.explanation.true_floor import TrueFloor
@@ -279,7 +278,7 @@ def test_a_blocking_has_instants_robots_place_and_cause() -> None:
     other[:, 0] = 2 * one[100, 0] + 1.3 - one[:, 0]
     other[200:, 1] += 0.02 * np.arange(100)
     pair = tracks(one, other)
-    (event,) = blocking_events(pair, classified(pair, WANTS, WEST), STANDARD)
+    (event,) = blocking_events(pair, classified(pair, WANTS, WEST))
     assert (event.robots, event.place, event.cause) == (("r1", "r2"), "open floor", Cause.DEADLOCK.value)
     assert event.begin_s == pytest.approx(9.0, abs=0.5) and event.end_s == pytest.approx(20.6, abs=0.7)
     assert not event.at_end
@@ -289,7 +288,7 @@ def test_deadlocked_pairs_are_counted_with_their_resolution() -> None:
     one, other = at(2.0, 1.0), at(2.4, 1.0)
     other[200:, 0] += 0.02 * np.arange(100)
     for pair, free in ((tracks(one, at(2.4, 1.0)), 0), (tracks(one, other), 1)):
-        assert deadlocks(pair, classified(pair, WANTS, WANTS), STANDARD) == DeadlockCount(1, free)
+        assert deadlocks(pair, classified(pair, WANTS, WANTS)) == DeadlockCount(1, free)
 
 
 def test_the_diagnosis_is_scored_by_time() -> None:
@@ -328,7 +327,7 @@ def test_outcomes_of_a_decision(
     pair = tracks(one, at(2.9, 1.6))
     pair.busy[:, 1] = False
     pair = reporting(pair, RobotReport(goals=GOAL, decisions=(decision(20.0, new),)), IDLE)
-    (event,) = decision_events(pair, classify(pair, floor()), STANDARD)
+    (event,) = decision_events(pair, classify(pair, floor()))
     assert event.outcome == outcome and event.blocked_s == pytest.approx(20.1)
     assert event.free_after_s == (None if free is None else pytest.approx(free, abs=0.6))
 
@@ -337,7 +336,7 @@ def test_a_decision_is_superseded_by_the_next_one() -> None:
     still = tracks(at(2.0, 1.0), at(3.0, 1.0))
     both = (decision(10.0, (9.0, 3.0)), decision(15.0, None))
     still = reporting(still, RobotReport(goals=GOAL, decisions=both), IDLE)
-    found = decision_events(still, classify(still, floor()), STANDARD)
+    found = decision_events(still, classify(still, floor()))
     assert [one.outcome for one in found] == ["superseded", "end"]
 
 
