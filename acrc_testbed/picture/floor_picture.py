@@ -42,12 +42,15 @@ def draw_floor(axes: Axes, grid: OccupancyGrid) -> None:
     colours = np.zeros((3, 3))
     for kind, colour in ((FREE, style.FLOOR), (UNKNOWN, style.UNKNOWN), (OCCUPIED, style.WALL)):
         colours[kind] = to_rgb(colour)
-    extent = (grid.origin.x, grid.corner.x, grid.origin.y, grid.corner.y)
-    axes.imshow(colours[grid.cells], extent=extent, origin="lower", interpolation="nearest", zorder=0)
+    _draw_cells(axes, grid, colours[grid.cells], zorder=0)
     axes.set_aspect("equal")
     axes.autoscale(enable=False)  # clip marks beyond the floor, such as jammers
-    axes.set_xlabel("m")
-    axes.set_ylabel("m")
+    axes.set(xlabel="m", ylabel="m")
+
+
+def _draw_cells(axes: Axes, grid: OccupancyGrid, image: NDArray[np.float64], zorder: float) -> None:
+    extent = (grid.origin.x, grid.corner.x, grid.origin.y, grid.corner.y)
+    axes.imshow(image, extent=extent, origin="lower", interpolation="nearest", zorder=zorder)
 
 
 def draw_regions(axes: Axes, grid: OccupancyGrid, regions: Regions, reachable: NDArray[np.bool_]) -> bool:
@@ -56,8 +59,7 @@ def draw_regions(axes: Axes, grid: OccupancyGrid, regions: Regions, reachable: N
     unreachable = (regions.labels > 0) & ~reachable
     for mask, colour in ((regions.labels > regions.count, DOOR), (unreachable, SHUT)):
         tint[mask] = (*to_rgb(colour), 1.0)
-    extent = (grid.origin.x, grid.corner.x, grid.origin.y, grid.corner.y)
-    axes.imshow(tint, extent=extent, origin="lower", interpolation="nearest", zorder=1)
+    _draw_cells(axes, grid, tint, zorder=1)
     return bool(unreachable.any())
 
 
@@ -199,25 +201,22 @@ def _draw_blocked(axes: Axes, x: float, y: float, duration: float) -> PointLabel
 def blocked_positions(intervals: Sequence[CauseInterval]) -> list[tuple[float, float, float]]:
     """Return positions where robots blocked others, x, y, m, with total durations, s, without short ones."""
     clusters: list[list[CauseInterval]] = []
-    for one in sorted(
-        (one for one in intervals if one.cause in BY_ROBOTS), key=lambda one: one.begin - one.end
-    ):
+    blocked = (one for one in intervals if one.cause in BY_ROBOTS)
+    for one in sorted(blocked, key=lambda one: one.begin - one.end):
         near = (c for c in clusters if math.hypot(c[0].x - one.x, c[0].y - one.y) < _SAME_POSITION)
-        cluster = next(near, None)
-        if cluster is None:
-            clusters.append([one])
-        else:
-            cluster.append(one)
+        if (cluster := next(near, None)) is None:
+            clusters.append(cluster := [])
+        cluster.append(one)
     found = [(*_mean_position(cluster), _total_duration(cluster)) for cluster in clusters]
     return [(x, y, duration) for x, y, duration in found if duration >= _MIN_BLOCKED_S]
 
 
 def _mean_position(cluster: Sequence[CauseInterval]) -> tuple[float, float]:
     """Return the mean position, weighted by duration."""
-    durations = [one.end - one.begin for one in cluster]
-    x = sum(one.x * weight for one, weight in zip(cluster, durations, strict=True))
-    y = sum(one.y * weight for one, weight in zip(cluster, durations, strict=True))
-    return x / sum(durations), y / sum(durations)
+    total = sum(one.end - one.begin for one in cluster)
+    x = sum(one.x * (one.end - one.begin) for one in cluster)
+    y = sum(one.y * (one.end - one.begin) for one in cluster)
+    return x / total, y / total
 
 
 def _total_duration(cluster: Sequence[CauseInterval]) -> float:

@@ -7,9 +7,8 @@ import subprocess
 import tempfile
 from collections import deque
 from collections.abc import Iterator
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Final, cast
+from typing import Any, Final, NamedTuple, cast
 
 import numpy as np
 from matplotlib.artist import Artist
@@ -106,19 +105,13 @@ def instants(run: RunData, speed: float) -> Iterator[int]:
     yield last
 
 
-@dataclass(frozen=True)
-class _DrawnRobot:
-    """Moving artists of one robot."""
+class _DrawnRobot(NamedTuple):
+    """Moving artists of one robot, in drawing order."""
 
+    trail: LineCollection
     disc: Circle
     nose: Line2D
-    trail: LineCollection
     name: Text
-
-    @property
-    def artists(self) -> tuple[Artist, ...]:
-        """The artists in drawing order."""
-        return self.trail, self.disc, self.nose, self.name
 
 
 class _Scene:
@@ -155,19 +148,15 @@ class _Scene:
             handles=floor_picture.legend(shown | {MARKS[kind] for kind in kinds}, [run.description.task]),
             loc="outside lower center",
             ncols=3,
-            fontsize=7,
-            frameon=False,
         )
         self._title = axes.set_title("0 s", loc="left", fontweight="bold", fontsize=10)
         self._count = 0
         self._words = f"{printable(run.description.task.items)} {printable(run.description.task.done)}"
-        moving = [artist for robot in self._robots for artist in robot.artists]
-        objects = [artist for _, artist in self._objects]
         self._changing: list[Artist] = [
-            *objects,
+            *(artist for _, artist in self._objects),
             *self._lines.values(),
             *self._people,
-            *moving,
+            *itertools.chain.from_iterable(self._robots),
             self._title,
         ]
         for artist in self._changing:
@@ -245,7 +234,7 @@ def _draw_robot(axes: Axes, index: int, *, few: bool) -> _DrawnRobot:
     trail = LineCollection([], colors=[colour], linewidths=1.2, zorder=4)
     axes.add_collection(trail)
     label = axes.text(0.0, 0.0, "", color=colour, fontweight="bold", fontsize=8.5 if few else 6.0, zorder=9)
-    return _DrawnRobot(disc, nose, trail, label)
+    return _DrawnRobot(trail, disc, nose, label)
 
 
 def _move(body: _DrawnRobot, path: Floats, *, alive: bool) -> None:

@@ -63,7 +63,7 @@ def draw_lanes(axes: Axes, run: RunData, intervals: Sequence[CauseInterval], *, 
     axes.set_xlim(0.0, run.end)
     if legend:
         axes.legend(
-            handles=lane_legend([run], intervals), ncols=4, fontsize=7, frameon=False, handlelength=1.8,
+            handles=lane_legend([run], intervals), ncols=4, handlelength=1.8,
             handleheight=1.1, columnspacing=1.0, loc="lower left", bbox_to_anchor=(0.0, 1.0),
         )  # fmt: skip
 
@@ -140,8 +140,6 @@ def draw(run: RunData) -> Figure:
         loc="upper left",
         bbox_to_anchor=(0.0, -0.1),
         ncols=3,
-        fontsize=7,
-        frameon=False,
     )
     below = figure.add_subplot(grid[1, 0])
     draw_lanes(below, run, intervals, legend=True)
@@ -190,7 +188,7 @@ def draw_progress(axes: Axes, run: RunData) -> None:
             at, low, high, step="post", color=style.INK, alpha=0.2, lw=0, label="10 to 90 % of robots"
         )
         axes.step(at, counts.mean(axis=0), where="post", color=style.INK, lw=1.4, label="mean per robot")
-        axes.legend(fontsize=7, frameon=False, loc="upper left")
+        axes.legend(loc="upper left")
     axes.set_xlim(0.0, run.end)
     axes.set_ylim(0, max(3.0, axes.get_ylim()[1]))
     axes.yaxis.set_major_locator(MaxNLocator(integer=True))
@@ -219,7 +217,7 @@ def _draw_radio(axes: Axes, run: RunData) -> None:
     axes.set_ylabel("radio frames/s")
     axes.set_xlabel("simulated time, s")
     if axes.get_legend_handles_labels()[0]:
-        axes.legend(fontsize=7, frameon=False, ncols=2, loc="lower right", bbox_to_anchor=(1.0, 0.96))
+        axes.legend(ncols=2, loc="lower right", bbox_to_anchor=(1.0, 0.96))
 
 
 def _draw_charges(axes: Axes, run: RunData) -> None:
@@ -264,7 +262,7 @@ def draw_several(runs: Sequence[RunData]) -> Figure:
                 {mark for _, drawn in floors for mark in drawn.marks}, [run.description.task for run in runs]
             ),
         ],
-        loc="outside lower center", ncols=3, fontsize=7, frameon=False,
+        loc="outside lower center", ncols=3,
     )  # fmt: skip
     marks.fix_layout(figure)
     for axes, drawn in floors:

@@ -64,6 +64,8 @@ LOOK: Final[dict[str, Any]] = {
     "ytick.color": INK,
     "text.color": INK,
     "hatch.linewidth": 0.6,
+    "legend.fontsize": 7,
+    "legend.frameon": False,
     "svg.hashsalt": "acrc",
     "svg.fonttype": "path",
 }
@@ -184,5 +186,5 @@ def write(series: Series, label: str, path: Path) -> None:
         axes.set_xlabel("simulated time, s")
         axes.set_ylabel(label)
         if len(series) <= 16:
-            axes.legend(frameon=False, fontsize=7, loc="upper left", bbox_to_anchor=(1.0, 1.0))
+            axes.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0))
         save(figure, path)

@@ -59,7 +59,10 @@ def result_sentences(result: RunResult) -> Iterator[str]:
         return
     yield f"{_robots_text(result)} {printable(result.task_summary)}."
     yield from map(printable, result.task_notes)
-    yield from _wall_time_sentence(result)
+    yield (
+        f"Wall time: {result.wall_s:.1f} s ({result.real_time_factor:.3g} times faster than real time), "
+        f"after {result.startup_s:.1f} s of start-up."
+    )
     yield from monitor.delay_sentences(result.held_up)
     yield from _radio_sentences(result)
     yield from _driving_sentences(result)
@@ -167,14 +170,6 @@ def _robots_text(result: RunResult) -> str:
     if by and result.origin.navigation:
         by += f" and navigation {printable(result.origin.navigation)}"
     return robots + by
-
-
-def _wall_time_sentence(result: RunResult) -> Iterator[str]:
-    """Yield a sentence on wall time."""
-    yield (
-        f"Wall time: {result.wall_s:.1f} s ({result.real_time_factor:.3g} times faster than real time), "
-        f"after {result.startup_s:.1f} s of start-up."
-    )
 
 
 def _radio_sentences(result: RunResult) -> Iterator[str]:

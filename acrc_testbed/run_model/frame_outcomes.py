@@ -2,7 +2,6 @@
 
 import math
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -40,8 +39,7 @@ def listed_copies(frame: FrameOutcome, robots: int) -> NDArray[np.void]:
     return listed
 
 
-@dataclass(frozen=True, eq=False)
-class FrameCopies:
+class FrameCopies(NamedTuple):
     """Copies of frames, by end of the frame; (n,) each."""
 
     seconds: NDArray[np.float64]
@@ -80,8 +78,7 @@ def frame_copies(messages: Sequence[FrameOutcomes], transceivers: Sequence[int])
 
 def concatenate_copies(parts: Sequence[FrameCopies]) -> FrameCopies:
     """Concatenate the copies of several parts."""
-    names = ("seconds", "senders", "receivers", "outcomes")
-    return FrameCopies(*(np.concatenate([getattr(one, name) for one in parts]) for name in names))
+    return FrameCopies(*map(np.concatenate, zip(*parts, strict=True)))
 
 
 def outcome_rates(copies: FrameCopies, begin: float, bins: int, bin_s: float) -> NDArray[np.float64]:

@@ -1,6 +1,7 @@
 """Readers of single recordings of a run (messages, set-ups, final records) and of the run's result."""
 
 from collections.abc import Iterable, Iterator, Mapping
+from itertools import chain
 from pathlib import Path
 from typing import Final, TypeVar, cast
 
@@ -12,8 +13,8 @@ from acrc_testbed.results.result import RunResult
 from acrc_testbed.run_model.data import RobotReport, RunData, RunDataError
 from actors.messages import FRAME_OUTCOMES, FrameOutcomes
 from actors.radio.radio_model import RadioSetup
-from actors.robot.behaviour.decisions import AdaptationDecision, AdaptationReport
-from actors.robot.navigation.navigation_counts import GoalRecord, NavigationReport
+from actors.robot.behaviour.decisions import AdaptationReport
+from actors.robot.navigation.navigation_counts import NavigationReport
 from actors.robot_model import load_model
 from actors.runtime import regular_file, typed_json
 from actors.runtime.codec import decode
@@ -73,33 +74,27 @@ def robot_report(records: Iterable[Path]) -> RobotReport:
 
     Raises RecordingError or OutcomeError for invalid records.
     """
-    goals: list[GoalRecord] | None = None
-    blocked: list[tuple[int, int | None]] | None = None
-    planless: list[tuple[int, int]] = []
-    paused: list[tuple[int, int | None]] = []
-    decisions: list[AdaptationDecision] = []
-    unlisted = 0
+    navigations: list[NavigationReport] = []
+    adaptations: list[AdaptationReport] = []
     for record in records:
         outcome = final_outcomes(record)
         navigation = decode_subject(record, outcome, "navigation", NavigationReport, "a robot's navigation")
-        if navigation is not None:
-            goals = [*(goals or ()), *navigation.given]
-            planless += navigation.without_plan
-            paused += navigation.paused
+        navigations += filter(None, (navigation,))
         adaptation = decode_subject(record, outcome, "adaptation", AdaptationReport, "a robot's adaptation")
-        if adaptation is not None:
-            decisions += adaptation.decisions
-            unlisted += adaptation.decisions_unlisted
-            if adaptation.blocked is not None:
-                blocked = [*(blocked or ()), *adaptation.blocked]
+        adaptations += filter(None, (adaptation,))
+    blocked = [one.blocked for one in adaptations if one.blocked is not None]
     return RobotReport(
-        None if goals is None else tuple(goals),
-        tuple(planless),
-        tuple(paused),
-        None if blocked is None else tuple(blocked),
-        tuple(decisions),
-        unlisted,
+        goals=_joined(one.given for one in navigations) if navigations else None,
+        planless=_joined(one.without_plan for one in navigations),
+        paused=_joined(one.paused for one in navigations),
+        blocked=_joined(blocked) if blocked else None,
+        decisions=_joined(one.decisions for one in adaptations),
+        unlisted=sum(one.decisions_unlisted for one in adaptations),
     )
+
+
+def _joined(parts: Iterable[Iterable[T]]) -> tuple[T, ...]:
+    return tuple(chain.from_iterable(parts))
 
 
 def world_setup(path: Path) -> WorldSetup:
