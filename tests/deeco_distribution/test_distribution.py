@@ -116,6 +116,7 @@ def test_the_wheel_has_the_package_and_its_only_dependency_is_msgpack(wheel: Pat
     assert re.findall(r"^## (.*)$", changes, re.MULTILINE)[0] == version
 
 
+@pytest.mark.nightly
 def test_the_source_distribution_has_pages_examples_and_tests(source: Path) -> None:
     held = {path.relative_to(source).as_posix() for path in source.rglob("*") if path.is_file()}
     examples = {name for name in held if name.startswith("examples/")}
@@ -125,6 +126,7 @@ def test_the_source_distribution_has_pages_examples_and_tests(source: Path) -> N
     assert {"README.md", "CHANGELOG.md", "LICENSE", "docs/deeco.md", "pyproject.toml"} <= held
 
 
+@pytest.mark.nightly
 def test_examples_and_explanations_run_where_only_msgpack_is_installed(python: Path, source: Path) -> None:
     folder = source / "examples"
     listed = "from importlib import metadata; print(sorted(one.name for one in metadata.distributions()))"
@@ -142,6 +144,7 @@ def test_examples_and_explanations_run_where_only_msgpack_is_installed(python: P
     assert "recent: the last 5 values of celsius" in explained and "at_coordinator_end" in explained
 
 
+@pytest.mark.nightly
 def test_the_two_computers_of_the_readme_exchange_knowledge(python: Path, tmp_path: Path) -> None:
     (tmp_path / "two_laptops.py").write_text(LAPTOPS)
     with socket.socket(type=socket.SOCK_DGRAM) as first, socket.socket(type=socket.SOCK_DGRAM) as second:
@@ -165,6 +168,7 @@ def test_the_two_computers_of_the_readme_exchange_knowledge(python: Path, tmp_pa
     ]
 
 
+@pytest.mark.nightly
 def test_the_test_of_the_readme_passes(python: Path, tmp_path: Path) -> None:
     (tmp_path / "test_fan.py").write_text(TEST + "\n\ntest_the_fan_switches_off_without_news()\n")
     assert output(python, tmp_path, "test_fan.py") == ""

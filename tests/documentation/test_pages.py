@@ -31,6 +31,7 @@ from actors.user_code import set_task_folders
 from deploy.scenario.scenario_file import parse
 from tests import warm
 from tests.documentation.markdown import Block, MarkdownPage, pages
+from tests.in_process import acrc
 from tests.localisation import courses
 
 PAGES = {page.name: page for page in pages()}
@@ -210,13 +211,12 @@ def write_files(folder: Path, *names: str) -> None:
             file.write_text(block.text)
 
 
-def test_the_own_problem_is_solved_by_its_strategy(clone: Path) -> None:
+def test_the_own_problem_is_solved_by_its_strategy(tmp_path: Path) -> None:
+    write_files(tmp_path, "docs/your-problem.md")
+    (tmp_path / "maps").symlink_to(REPOSITORY / "maps")
     for strategy, state in (("together", "met after"), ("apart", "are within")):
-        done = warm.run(
-            ["run", "my_problem/rendezvous.toml", "--modules", "my_problem", "--bus", "memory", "--strategy",
-             f"rendezvous:{strategy}", "--out", f"runs/{strategy}"],
-            clone, os.environ | {"PYTHONPATH": str(REPOSITORY), "COLUMNS": "200"}, 100.0, finds_cwd=False,
-        )  # fmt: skip
+        words = ("run", "my_problem/rendezvous.toml", "--modules", "my_problem", "--bus", "memory")
+        done = acrc(*words, "--strategy", f"rendezvous:{strategy}", "--out", f"runs/{strategy}", cwd=tmp_path)
         assert state in done.stdout, done.stderr
 
 
