@@ -3,6 +3,7 @@
 All tests of a worker share the folders of the three runs. A test that changes files works on a copy.
 """
 
+import math
 import shutil
 from pathlib import Path
 from typing import Any
@@ -34,7 +35,7 @@ def record(
     else:
         assert not overrides
         settled = scenario
-    options = RunOptions(out, bus="memory", record=detail)
+    options = RunOptions(out, bus="memory", record=detail, timeout_s=math.inf)  # pytest has a timeout
     return swarm.run_in_memory(swarm.plan(settled, options), lambda progress: None)
 
 
