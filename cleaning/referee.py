@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from actors.geometry import Point
 from actors.instant import Instant, in_seconds
-from actors.items import ItemGivenUp, ItemKey, TaskReports, instant_fault
+from actors.items import ItemGivenUp, ItemKey, TaskReports
 from actors.task.task import Column, Judge, JudgeSetup, TaskOutcome, TaskProgress, Value
 from actors.wording import seconds_text, short_repr
 from cleaning.place import VisitReport
@@ -78,7 +78,7 @@ class PlaceOutcome(msgspec.Struct):
     in_route_of: tuple[str, ...] = ()
     """Robots with a process and with this place in their route at the end, in scenario order."""
     given_at: int = 0
-    """When it was given to its owner; 0: at the start."""
+    """Instant at which it was given to its owner; 0: at the start."""
     has_truth: bool = True
     """False: reports are unverified."""
 
@@ -187,7 +187,7 @@ class Referee(Judge):
     def take(self, robot: str, answer: TaskReports, begin: int, end: int) -> str | None:
         """Process a robot's reports of a step; return an error for an unknown place, else None."""
         for report in answer.reports:
-            if report_fault := self._report(robot, report, begin, end):
+            if report_fault := self._report(robot, report):
                 return report_fault
         for given_up in answer.given_up:
             if given_up.key not in self._places:
@@ -200,13 +200,11 @@ class Referee(Judge):
             self._routes[robot] = answer.route
         return None
 
-    def _report(self, robot: str, report: VisitReport, begin: int, end: int) -> str | None:
+    def _report(self, robot: str, report: VisitReport) -> str | None:
         """Record a robot's report; the first report of a place counts."""
         place = self._places.get(report.key)
         if place is None:
             return _unknown_place("reports", report.key)
-        if fault := instant_fault("reports a place", report.instant, begin, end):
-            return fault
         self.note(robot, report.instant, "cleaned", report.key)
         if place.reported_at is None:
             place.reported_at, place.reported_by = report.instant, robot

@@ -35,7 +35,7 @@ class DeliveryOrder(MessagePart, frozen=True, tag="order"):
     """Index of the station where the load waits."""
     delivery: _Index
     arrived: _Instant
-    """When the order arrived, µs."""
+    """Instant of arrival, µs."""
     deadline: _Instant
 
 

@@ -139,7 +139,7 @@ def _answer_parts(
         try:
             if fault := task_reports_fault(part, begin, end, TaskLimits()):
                 raise ReportError(fault)
-            reports = tuple(map(with_instant, decode_reports(task, part).reports))
+            reports = tuple(map(with_instant, decode_reports(task, part, begin, end).reports))
         except ReportError as error:
             faults.append(f"{robot} {error}")
             continue

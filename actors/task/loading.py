@@ -5,13 +5,14 @@ never from a folder that a file or a recording names.
 """
 
 import importlib.metadata
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from functools import cache
 from typing import Annotated, Any, Final, get_origin
 
 import msgspec
 
-from actors.items import ITEM_LIMIT, TaskReports
+from actors.items import ITEM_LIMIT, TaskReports, instant_fault
 from actors.runtime.errors import AcrcError
 from actors.runtime.failure import failure_note
 from actors.settings import ParameterError, words
@@ -52,6 +53,18 @@ def task_entry(name: str) -> str:
             f"or give module:Class of your own, such as {name.removesuffix('.py')}:Task"
         )
     return known[name]
+
+
+@contextmanager
+def named_faults(task: Task, method: str) -> Iterator[None]:
+    """Convert an exception of the task's code in `method` to a TaskError with its line."""
+    try:
+        yield
+    except AcrcError:
+        raise
+    except (Exception, SystemExit) as error:
+        cause = failure_note("", 0, error).cause
+        raise TaskError(f"task {task.declaration.name}, {method} failed: {cause}") from error
 
 
 @cache
@@ -141,14 +154,21 @@ class _Answer:
         self.route = answer.route
 
 
-def decode_reports(task: Task, answer: TaskReports) -> TaskReports:
-    """Return the answer with the task's reports decoded. Raises ReportError for one of another type."""
+def decode_reports(task: Task, answer: TaskReports, begin: int = 0, end: int = 2**63) -> TaskReports:
+    """Return the answer with the task's reports decoded.
+
+    Raises ReportError for one of another type, or whose `instant`, µs, is not from `begin` to below `end`.
+    """
     if not answer.reports:
         return answer
     if task.report is None:
         raise ReportError(f"reports {short_repr(answer.reports[0])}; the task has no reports")
     try:
         plain = msgspec.to_builtins(answer.reports)
-        return _Answer(answer, msgspec.convert(plain, tuple[task.report, ...]))  # type: ignore[name-defined]
+        reports: tuple[Any, ...] = msgspec.convert(plain, tuple[task.report, ...])  # type: ignore[name-defined]
     except msgspec.ValidationError as error:
         raise ReportError(f"reports {short_repr(answer.reports)}: {error}") from None
+    for report in reports:
+        if fault := instant_fault("sends a task report", getattr(report, "instant", begin), begin, end):
+            raise ReportError(fault)
+    return _Answer(answer, reports)

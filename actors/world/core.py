@@ -315,7 +315,7 @@ class WorldCore:
 
     def _take_reports(self, member: Member, drive: Drive, begin: int, end: int) -> None:
         try:
-            answer = decode_reports(self._task, drive)
+            answer = decode_reports(self._task, drive, begin, end)
         except ReportError as error:
             wrong: str | None = str(error)
         else:

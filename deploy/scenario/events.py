@@ -13,7 +13,7 @@ from actors.instant import Instant, in_seconds, milliseconds, seconds
 from actors.orders import Order
 from actors.runtime.errors import AcrcError
 from actors.settings import decode
-from actors.task.loading import decode_items, load_task
+from actors.task.loading import decode_items, load_task, named_faults
 from actors.task.task import Task
 from actors.wording import toml_text
 from actors.world.world_setup import TimedOrder
@@ -43,7 +43,8 @@ def _task_fault(scenario: Scenario) -> str | None:
     for key, items in given:
         decode_items(task, items or (), f"{key}.{scenario.table}")
     listed = [robot.id for robot in scenario.robot if robot.items is not None]
-    return task.settings_fault(settings, scenario.ids, listed, [area.name for area in scenario.area])
+    with named_faults(task, "settings_fault"):
+        return task.settings_fault(settings, scenario.ids, listed, [area.name for area in scenario.area])
 
 
 def scenario_task(scenario: Scenario) -> tuple[Task, Any]:

@@ -24,8 +24,8 @@ from actors.robot.stack import Adaptation, Stack
 from actors.robot_model import load_model
 from actors.runtime.errors import AcrcError
 from actors.settings import plain
-from actors.task.loading import decode_items, load_task, task_setup
-from actors.task.task import DrawInput
+from actors.task.loading import decode_items, load_task, named_faults, task_setup
+from actors.task.task import DrawInput, Task
 from actors.world.people import PeopleParameters, PeopleSetup
 from actors.world.uncertainty import Uncertainty
 from actors.world.world_setup import BodySetup, WorldSetup
@@ -309,7 +309,7 @@ def check_events(grid: OccupancyGrid, specs: Sequence[RobotSpec], scenario: Scen
         if event.move is not None and event.to is not None:
             check_pose(grid, Point(*event.to[:2]), radius[event.move], event.move)
         for item, read in zip(event.items or (), decode_items(task, event.items or ()), strict=True):
-            if fault := task.check(read, grid):
+            if fault := _item_fault(task, read, grid):
                 raise LayoutError(
                     f"event[{index}].{scenario.table} has {wording.toml_text(item)}, but must {fault}"
                 )
@@ -342,7 +342,7 @@ def _items(
     if spec.table.items is not None:
         items = decode_items(task, spec.table.items)
         for index, item in enumerate(items):
-            if fault := task.check(item, grid):
+            if fault := _item_fault(task, item, grid):
                 text = wording.toml_text(spec.table.items[index])
                 raise LayoutError(
                     f"{task.declaration.item} {index} of robot {spec.id} is {text}, "
@@ -359,7 +359,13 @@ def _items(
         areas=scenario.areas,
         generator=partial(generator, scenario.run.seed_of("placement")),
     )
-    return task.draw(settings, placing)
+    with named_faults(task, "draw"):
+        return decode_items(task, task.draw(settings, placing), f"{scenario.table} drawn for {spec.id}")
+
+
+def _item_fault(task: Task, item: Any, grid: OccupancyGrid) -> str | None:
+    with named_faults(task, "check"):
+        return task.check(item, grid)
 
 
 def _plain(items: Sequence[Any]) -> tuple[Any, ...]:

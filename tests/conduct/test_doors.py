@@ -86,7 +86,7 @@ IN_STEP = "must be from 700000 to 799999 µs"
     ("changes", "sentence"),
     [
         ({"step": 3}, "sent a Drive of step 3, expected step 7"),
-        ({"reports": (VisitReport("r1", 0, -1),)}, f"reports a place at -1 µs; {IN_STEP}"),
+        ({"reports": (VisitReport("r1", 0, -1),)}, f"sends a task report at -1 µs; {IN_STEP}"),
         ({"reports": (VisitReport("r1", 0, 700_000),) * 1001},
          "sends 1001 task reports in one step; the limit is 1000"),
         ({"given_up": (ItemGivenUp("r1", 0, 700_000, "x" * 10_000),)},

@@ -203,7 +203,7 @@ def distance_task() -> Iterator[str]:
 class DistanceSettings(Settings, frozen=True):
     distance: float = 1000.0
     fish: str | None = None
-    """What r2 reports wrongly."""
+    """Invalid reports of r2."""
 
 
 class DistanceJudge(Judge):

@@ -4,12 +4,16 @@ from pathlib import Path
 
 import pytest
 
-from actors.task.loading import DEFAULT, load_task, task_entry
+from actors.messages import Drive
+from actors.runtime.errors import AcrcError
+from actors.task.loading import DEFAULT, decode_reports, load_task, task_entry
 from actors.task.task import TaskError
 from actors.user_code import set_task_folders
 from cleaning.task import CleaningTask
+from deploy.scenario.resolve import resolve
 from tests.in_process import acrc
 from tests.refusals import refused
+from tests.scenario.faults import MAP, scenario
 
 TASK = """
 from actors.task import Column, Judge, MarkStyle, Metric, Task, TaskDeclaration
@@ -49,6 +53,26 @@ class Broken(Task):
 
 class NoTask:
     pass
+
+class Undrawn(Idle):
+    def draw(self, settings, placing):
+        return [][1]
+
+class Empty(Idle):
+    def draw(self, settings, placing):
+        return None
+
+class Misdrawn(Idle):
+    def draw(self, settings, placing):
+        return ("far",)
+
+class Unchecked(Idle):
+    def check(self, item, grid):
+        raise OSError("full")
+
+class Unset(Idle):
+    def settings_fault(self, settings, robots, listed, areas):
+        return robots[99]
 """
 
 
@@ -84,6 +108,32 @@ def test_a_faulty_task_gives_one_sentence(folder: Path, name: str, sentence: str
     with pytest.raises(TaskError) as caught:
         load_task(name)
     assert sentence in str(caught.value) and "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "sentence"),
+    [
+        ("Undrawn", "", "task idle, draw failed: IndexError: list index out of range (idle_task.py:"),
+        ("Empty", "", "task idle, draw failed: TypeError: 'NoneType' object is not iterable (loading.py:"),
+        ("Misdrawn", "", "idle drawn for r1[0] is \"far\", but must be a point [x, y] in m"),
+        ("Unchecked", "[[robot]]\nid = 'r1'\nidle = [[12, 12]]",
+         "task idle, check failed: OSError: full (idle_task.py:"),
+        ("Unset", "", "task idle, settings_fault failed: IndexError: tuple index out of range ("),
+    ],
+)  # fmt: skip
+def test_a_fault_of_a_method_gives_one_sentence(folder: Path, name: str, text: str, sentence: str) -> None:
+    head = f'task.use = "idle_task:{name}"\nrun = {{ strategy = "none" }}\n'
+    with pytest.raises(AcrcError) as caught:
+        resolve(scenario(text, head=MAP + head))
+    assert sentence in str(caught.value) and "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("instant", [-1, 999, 2000])
+def test_a_report_has_an_instant_of_its_step(instant: int) -> None:
+    answer = Drive(0, 0.0, 0.0, 0.0, 0, reports=(["r1", 0, instant],))
+    with refused(f"sends a task report at {instant} µs; must be from 1000 to 1999 µs"):
+        decode_reports(CleaningTask(), answer, 1000, 2000)
+    assert decode_reports(CleaningTask(), answer, instant, instant + 1).reports[0].instant == instant
 
 
 def test_items_must_be_sendable(folder: Path) -> None:
