@@ -17,7 +17,6 @@ from actors.settings import (
     PositiveInterval,
     RuleError,
     Settings,
-    Span,
     check_spans,
 )
 from logistics.items import DeliveryOrder
@@ -26,6 +25,10 @@ MOST_ORDERS: Final = 300
 """Orders of a run: with their confirmations, one robot could be told of all (`OrderLimits.items`)."""
 _MOST_OUTAGES: Final = 20
 """Outages drawn for one station or charger."""
+_Times = Annotated[
+    tuple[NotNegative, NotNegative],
+    Meta(description="two times [from, to] in s, at least 0, the first below the second"),
+]
 _Points = Annotated[tuple[Place, ...], Meta(max_length=100, description="a list of at most 100 points")]
 
 
@@ -58,7 +61,7 @@ class LogisticsTable(Settings, frozen=True):
     """Mean number of orders per minute; they arrive independently (Poisson process)."""
     orders: Annotated[int, Meta(ge=1, le=MOST_ORDERS)] | None = None
     """Number of orders after which no more arrive; the run ends once all are delivered. Absent: no limit."""
-    deadline: Span = (240.0, 480.0)
+    deadline: _Times = (240.0, 480.0)
     """Bounds of the time that an order has from arrival to delivery, s; drawn uniformly."""
     capacity: Annotated[int, Meta(ge=1, le=20)] = 1
     """Orders that a robot can carry at a time."""

@@ -338,29 +338,30 @@ def _items(
     grid: OccupancyGrid, spec: RobotSpec, start: tuple[float, float, float], scenario: Scenario
 ) -> tuple[Any, ...]:
     """Return the robot's items: listed in its table, or drawn by the task."""
-    task, settings = scenario_task(scenario)
-    if spec.table.items is not None:
-        items = decode_items(task, spec.table.items)
-        for index, item in enumerate(items):
-            if fault := _item_fault(task, item, grid):
-                text = wording.toml_text(spec.table.items[index])
-                raise LayoutError(
-                    f"{task.declaration.item} {index} of robot {spec.id} is {text}, "
-                    f"but must {fault} of {scenario.map}"
-                )
-        return items
-    placing = DrawInput(
-        robot=spec.id,
-        index=scenario.ids.index(spec.id),
-        start=Pose(*start),
-        radius=spec.radius,
-        grid=grid,
-        map=scenario.map,
-        areas=scenario.areas,
-        generator=partial(generator, scenario.run.seed_of("placement")),
-    )
-    with named_faults(task, "draw"):
-        return decode_items(task, task.draw(settings, placing), f"{scenario.table} drawn for {spec.id}")
+    (task, settings), listed = scenario_task(scenario), spec.table.items
+    if listed is not None:
+        items = decode_items(task, listed)
+    else:
+        placing = DrawInput(
+            robot=spec.id,
+            index=scenario.ids.index(spec.id),
+            start=Pose(*start),
+            radius=spec.radius,
+            grid=grid,
+            map=scenario.map,
+            areas=scenario.areas,
+            generator=partial(generator, scenario.run.seed_of("placement")),
+        )
+        with named_faults(task, "draw"):
+            items = decode_items(task, task.draw(settings, placing), f"{scenario.table} drawn for {spec.id}")
+    for index, item in enumerate(items):
+        if fault := _item_fault(task, item, grid):
+            text = wording.toml_text(to_builtins(item) if listed is None else listed[index])
+            raise LayoutError(
+                f"{task.declaration.item} {index} of robot {spec.id} is {text}, "
+                f"but must {fault} of {scenario.map}"
+            )
+    return items
 
 
 def _item_fault(task: Task, item: Any, grid: OccupancyGrid) -> str | None:

@@ -61,7 +61,8 @@ def test_outages() -> None:
     ("table", "sentence"),
     [
         ({"rate": 0}, "logistics.rate is 0, but must be a number above 0 and at most 60"),
-        ({"deadline": [2, 1]}, "logistics.deadline is .*two numbers"),
+        ({"deadline": [2, 1]}, "logistics.deadline is .*two times .* in s, at least 0"),
+        ({"deadline": [-2, 1]}, "logistics.deadline is .*two times .* in s, at least 0"),
         ({"outages": [{"at": 1, "until": 2}]}, "must have either a station or a charger"),
         ({"outages": [{"station": 1, "at": 3, "until": 2}]}, "must have .* an `until` after `at`"),
         ({"stations": [[1, 2]]}, "logistics must have at least two stations"),

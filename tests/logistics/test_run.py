@@ -10,6 +10,7 @@ from msgspec.structs import replace
 from acrc_testbed.results.result import RunResult
 from acrc_testbed.run_model.simulated_runs import read_run
 from actors.installation.repository import REPOSITORY
+from actors.runtime.errors import AcrcError
 from deploy.scenario.resolve import resolve
 from deploy.scenario.scenario_file import Overrides, load_scenario, parse
 from deploy.scenario.tables import Scenario, to_toml
@@ -105,3 +106,10 @@ def test_stations_are_drawn_alike_for_all_robots() -> None:
     assert all(one.items == robots[0].items for one in robots) and len(robots[0].items) == 8
     points = [(x, y) for _, x, y in robots[0].items]
     assert all(math.dist(a, b) > 2.4 for a, b in combinations(points, 2))
+
+
+def test_chargers_of_all_robots_must_be_on_free_floor() -> None:
+    shipped = REPOSITORY / "scenarios" / "logistics.toml"
+    wrong = load_scenario(shipped, Overrides(settings=(("logistics.chargers", [[0.0, 0.0]]),)))
+    with pytest.raises(AcrcError, match=r'robot r1 is \["charger", 0.0, 0.0\], but must be on free floor'):
+        resolve(wrong)
