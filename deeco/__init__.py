@@ -8,6 +8,8 @@ from deeco.history import History, Past
 from deeco.instant import START, Duration, Instant, in_seconds, milliseconds, seconds
 from deeco.knowledge import Knowledge, replace
 
+__version__ = "0.1.0"
+
 __all__ = [
     "START",
     "Contact",

@@ -75,7 +75,7 @@ def require_delivery(missing: int, sentences: Sequence[str]) -> None:
         raise UndeliveredError(f"{missing} messages were not delivered: {'; '.join(sentences)}")
 
 
-_PACKAGES: Final = ("eclipse-zenoh", "llvmlite", "msgspec", "numba", "numpy", "pymunk")
+_PACKAGES: Final = ("deeco", "eclipse-zenoh", "llvmlite", "msgspec", "numba", "numpy", "pymunk")
 """Packages on which a run's result or speed may depend."""
 
 

@@ -3,6 +3,7 @@
 import hashlib
 import io
 import os
+import stat
 import subprocess
 import sys
 import tarfile
@@ -30,12 +31,17 @@ MACHINES: Final = {"x86-64": "x86_64", "aarch64": "aarch64"}
 """Processors with pinned wheels, as `uname -m` names them."""
 _PLATFORMS: Final = ("manylinux2014", "manylinux_2_17", "manylinux_2_26", "manylinux_2_27", "manylinux_2_28")
 _TIMEOUT_S: Final = 900.0
-_ROOT_FILES: Final = ("LICENSE", "README.md", "acrc", "constraints.txt", "pyproject.toml")
+_ROOT_FILES: Final = (
+    "LICENSE", "README.md", "acrc", "constraints.txt", "pyproject.toml",
+    "distributions/deeco/README.md", "distributions/deeco/pyproject.toml",
+)  # fmt: skip
+_LINKS: Final = ("distributions/deeco/LICENSE", "distributions/deeco/deeco")
+"""Links of the distribution to the sources beside it."""
 _EXCLUDED_FOLDERS: Final = ("acrc_testbed/benchmarks", "acrc_testbed/experiments")
 CONFIGURATION: Final = "fleets"
 """Folder of the bundle; hidden from the strategy by the robot's sandbox."""
 _Files = dict[str, tuple[bytes, int]]
-"""Content and mode by path within the bundle."""
+"""Content and mode by path within the bundle; the content of a link is its target."""
 
 
 class RobotBundle(NamedTuple):
@@ -95,7 +101,8 @@ def _program(root: Path) -> _Files:
     patterns = (*_ROOT_FILES, *sorted(PACKAGES), *(f":(exclude){folder}" for folder in _EXCLUDED_FOLDERS))
     listed = _run("git", "-C", str(root), "ls-files", "-z", "--", *patterns).decode()
     paths = [root / name for name in listed.split("\0") if name]
-    return {
+    links = {name: (bytes((root / name).readlink()), stat.S_IFLNK | 0o777) for name in _LINKS}
+    return links | {
         str(path.relative_to(root)): (path.read_bytes(), 0o755 if os.access(path, os.X_OK) else 0o644)
         for path in paths if path.is_file() and not path.is_symlink()
     }  # fmt: skip
@@ -190,6 +197,8 @@ def _write(path: Path, top: str, files: _Files) -> None:
         with tarfile.open(new, "w", format=tarfile.GNU_FORMAT) as archive:
             for name, (content, mode) in sorted(files.items()):
                 entry = tarfile.TarInfo(f"{top}/{name}")
-                entry.size, entry.mode = len(content), mode
+                entry.size, entry.mode = len(content), stat.S_IMODE(mode)
+                if stat.S_ISLNK(mode):
+                    entry.type, entry.linkname, entry.size = tarfile.SYMTYPE, content.decode(), 0
                 entry.mtime = 946_684_800  # 2000-01-01: zip files cannot store dates before 1980
                 archive.addfile(entry, io.BytesIO(content))

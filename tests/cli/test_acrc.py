@@ -103,8 +103,9 @@ def clone(tmp_path: Path) -> Clone:
     folder, tools = tmp_path / "a clone of it", tmp_path / "tools"
     folder.mkdir()
     tools.mkdir()
-    for name in ("acrc", "constraints.txt", "pyproject.toml"):
-        shutil.copy(ROOT / name, folder)
+    (folder / "distributions" / "deeco").mkdir(parents=True)
+    for name in ("acrc", "constraints.txt", "pyproject.toml", "distributions/deeco/pyproject.toml"):
+        shutil.copy(ROOT / name, folder / name)
     for name in TOOLS:
         found = shutil.which(name)
         assert found is not None
@@ -142,7 +143,7 @@ def test_first_run_installs_pinned_packages_by_hash_and_second_run_nothing(clone
     assert build.endswith(
         "--only-binary :all: --require-hashes --upgrade --target .venv/build -r .venv/build.txt"
     )
-    assert project.endswith("install --no-compile --no-deps --no-build-isolation -e .")
+    assert project.endswith("install --no-compile --no-deps --no-build-isolation -e distributions/deeco -e .")
     hashed = (clone.tools.parent / "notes.hashed").read_text().splitlines()
     assert all(" --hash=sha256:" in line and "\\" not in line for line in hashed)
     pins = (clone.tools.parent / "notes.pins").read_text().splitlines()

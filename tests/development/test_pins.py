@@ -8,7 +8,10 @@ import yaml
 from packaging.requirements import Requirement
 from packaging.utils import canonicalize_name
 
+import deeco
+
 ROOT = Path(__file__).parents[2]
+OWN = {"deeco"}  # installed from the clone, in its version
 LEFT_OUT = {"apsw", "backports-zstd", "lz4", "ruamel-yaml", "zstandard"}
 
 
@@ -48,7 +51,7 @@ def closure(names: list[str]) -> set[str]:
             requirement = Requirement(text)
             if requirement.marker is None or requirement.marker.evaluate({"extra": ""}):
                 todo.append(canonicalize_name(requirement.name))
-    return seen
+    return seen - OWN
 
 
 def skip_if_left_out(extra: str) -> None:
@@ -104,8 +107,22 @@ def test_every_pin_is_exact_and_installed_and_satisfies_the_others() -> None:
                 assert requirement.specifier.contains(exact.version, prereleases=True), f"{name}: {text}"
 
 
+def test_the_testbed_accepts_the_component_model_of_its_clone() -> None:
+    component_model = tomllib.loads((ROOT / "distributions/deeco/pyproject.toml").read_text())
+    project = component_model["project"]
+    (required,) = (one for one in map(Requirement, wanted()["base"]) if one.name in OWN)
+    assert {one.operator for one in required.specifier} == {">=", "<"}
+    assert required.specifier.contains(project["version"])
+    assert project["version"] == deeco.__version__ == metadata.version("deeco")
+    testbed = tomllib.loads((ROOT / "pyproject.toml").read_text())
+    assert project["requires-python"] == testbed["project"]["requires-python"]
+    assert component_model["build-system"] == testbed["build-system"], (
+        "both are built with the pinned version"
+    )
+
+
 def test_no_file_contains_a_download_location() -> None:
-    files = ("acrc", "constraints.txt", "pyproject.toml", ".ci/run")
+    files = ("acrc", "constraints.txt", "pyproject.toml", "distributions/deeco/pyproject.toml", ".ci/run")
     text = "".join((ROOT / name).read_text() for name in files)
     assert not re.search(r"https?://|--(extra-)?index-url|--find-links", text)
 

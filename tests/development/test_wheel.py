@@ -28,26 +28,38 @@ DATA = ("maps", "scenarios", "studies", "fleets")
 
 
 @pytest.fixture(scope="module")
-def wheel(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Build the wheel without a network from a copy of the clone's files, since setuptools writes there."""
-    sources, out = tmp_path_factory.mktemp("sources"), tmp_path_factory.mktemp("wheel")
+def sources(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Copy the clone's files, since setuptools writes beside them."""
+    sources = tmp_path_factory.mktemp("sources")
     for name in committed():
-        if name.parts[0] in {*PACKAGES, *DATA} or len(name.parts) == 1:
+        if name.parts[0] in {*PACKAGES, *DATA, "distributions"} or len(name.parts) == 1:
             (sources / name).parent.mkdir(parents=True, exist_ok=True)
             shutil.copy(REPOSITORY / name, sources / name, follow_symlinks=False)
-    subprocess.run([sys.executable, "-P", "-c", BUILD, sources, out], check=True, capture_output=True)
+    return sources
+
+
+def build(project: Path, out: Path) -> Path:
+    """Build a wheel without a network."""
+    subprocess.run([sys.executable, "-P", "-c", BUILD, project, out], check=True, capture_output=True)
     (built,) = out.glob("*.whl")
     return built
 
 
 @pytest.fixture(scope="module")
-def python(wheel: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def wheel(sources: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return build(sources, tmp_path_factory.mktemp("wheel"))
+
+
+@pytest.fixture(scope="module")
+def python(wheel: Path, sources: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("environment")
     subprocess.run([sys.executable, "-m", "venv", "--without-pip", folder], check=True)
     version = f"python{sys.version_info.major}.{sys.version_info.minor}"
     site = folder / "lib" / version / "site-packages"
-    with zipfile.ZipFile(wheel) as archive:
-        archive.extractall(site)
+    deeco = build(sources / "distributions" / "deeco", tmp_path_factory.mktemp("deeco"))
+    for file in (wheel, deeco):
+        with zipfile.ZipFile(file) as archive:
+            archive.extractall(site)
     # .pth files of the clone's environment have no effect there
     (site / "dependencies.pth").write_text(sysconfig.get_path("purelib") + "\n")
     return folder / "bin" / "python"
@@ -64,10 +76,11 @@ def acrc(python: Path, folder: Path, *words: str, path: str = "") -> subprocess.
 def test_the_wheel_has_every_file_of_the_packages_and_the_data(wheel: Path) -> None:
     with zipfile.ZipFile(wheel) as archive:
         held = {name: archive.read(name) for name in archive.namelist() if ".dist-info/" not in name}
+    packages = PACKAGES - {"deeco"}  # a distribution of its own
     wanted = {
         f"{SHIPPED}/{name}" if name.parts[0] in {*DATA, "constraints.txt"} else name.as_posix()
         for name in committed()
-        if name.parts[0] in {*PACKAGES, *DATA, "constraints.txt"} and not name.is_relative_to(SHIPPED)
+        if name.parts[0] in {*packages, *DATA, "constraints.txt"} and not name.is_relative_to(SHIPPED)
     }
     assert set(held) == wanted
     for name, content in held.items():

@@ -257,6 +257,7 @@ def verdict(*command: object) -> tuple[int, str]:
 
 
 OWN = "from cleaning.strategies.none import behaviour\nimport helper\n"
+LINKS = {"distributions/deeco/LICENSE": "../../LICENSE", "distributions/deeco/deeco": "../../deeco"}
 WHEELS = {"wheels/tiny-1.0-py3-none-any.whl": (b"a wheel", 0o644)}
 
 
@@ -269,7 +270,10 @@ class SmallClone:
             (self.root / name).mkdir(parents=True)
             (self.root / name / "py.typed").touch()
         for name in robot_bundle._ROOT_FILES:
-            shutil.copy(ROOT / name, self.root)
+            (self.root / name).parent.mkdir(parents=True, exist_ok=True)
+            shutil.copy(ROOT / name, self.root / name)
+        for name, target in LINKS.items():
+            (self.root / name).symlink_to(target)
         (self.root / "actors" / "core.py").touch()
         (self.root / "actors" / "link.py").symlink_to("../acrc")
         for words in (("init", "-q"), ("add", ".")):
@@ -313,8 +317,9 @@ def test_bundle_contains_program_wheels_configuration_and_private_keys(clone: Sm
     private = {f"fleets/office-keys/r2/{name}.pem" for name in ("authority", "certificate", "key")}
     configuration = {"fleets/office.toml", "fleets/maps/corridor.yaml", "fleets/maps/corridor.png"}
     packages = {f"{name}/py.typed" for name in PACKAGES}
-    program = {*robot_bundle._ROOT_FILES, *packages, *WHEELS, "COMMIT", "actors/core.py"}
+    program = {*robot_bundle._ROOT_FILES, *packages, *WHEELS, *LINKS, "COMMIT", "actors/core.py"}
     assert inside.keys() == program | private | configuration
+    assert {name: one.linkname for name, one in inside.items() if one.issym()} == LINKS
     assert content(out, "actors/core.py") == "pass\n", "uncommitted changes are included"
     assert content(out, "fleets/office.toml") == clone.office.read_text()
     assert {name for name, one in inside.items() if one.mode == 0o600} == private
