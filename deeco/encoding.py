@@ -1,12 +1,15 @@
-"""Encoding of knowledge on the link: each type is compiled once into a pair of functions."""
+"""Encoding of knowledge on the link: each type is compiled once into a pair of functions.
+
+Decoders of classes and tuples are generated as source code, as dataclasses generate their methods.
+"""
 
 import inspect
 import reprlib
 import types
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, fields, is_dataclass, replace
 from enum import Enum
-from functools import partial
+from functools import cache
 from math import isfinite
 from operator import attrgetter
 from types import NoneType
@@ -18,6 +21,7 @@ from typing import (
     NewType,
     NoReturn,
     Union,
+    cast,
     get_args,
     get_origin,
     get_type_hints,
@@ -30,6 +34,7 @@ from deeco.link import LinkParameters
 _LEAST: Final = -(2**63)
 _MOST: Final = 2**64 - 1
 """With _LEAST: range of msgpack integers."""
+_IS_INT: Final = f"type(value) is int and {_LEAST} <= value <= {_MOST}"
 
 
 class MalformedDataError(Exception):
@@ -77,6 +82,18 @@ class Codec:
     """Convert back. Raises only MalformedDataError, for anything that `pack` does not return."""
     depth: int = 0
     """Depth of nested arrays."""
+    inline: str = ""
+    """Python expression equal to `unpack(value)`, for generated decoders; empty: they call `unpack`."""
+
+
+def _inline_codec(signature: str, kind: type, pack: Callable[[Any], Any], inline: str) -> Codec:
+    """Return the codec of one class whose decoder is a Python expression of `value`."""
+    return Codec(signature, frozenset({kind}), pack, eval(f"lambda value: {inline}"), inline=inline)
+
+
+def malformed() -> NoReturn:
+    """Raise MalformedDataError, in an expression."""
+    raise MalformedDataError
 
 
 def refuse(value: object, expected: str) -> NoReturn:
@@ -92,12 +109,8 @@ def _identity_codec(signature: str, kind: type, values: tuple[Any, ...], expecte
             refuse(value, expected)
         return value
 
-    def unpack(value: object) -> Any:
-        if not any(value is one for one in values):
-            raise MalformedDataError
-        return value
-
-    return Codec(signature, frozenset({kind}), pack, unpack)
+    condition = " or ".join(f"value is {one}" for one in values)
+    return _inline_codec(signature, kind, pack, f"value if {condition} else malformed()")
 
 
 def _pack_int(value: Any) -> int:
@@ -106,12 +119,6 @@ def _pack_int(value: Any) -> int:
     if not _LEAST <= value <= _MOST:
         refuse(value, "an int of up to 64 bits")
     return int(value)
-
-
-def _unpack_int(value: object) -> int:
-    if type(value) is int and _LEAST <= value <= _MOST:
-        return value
-    raise MalformedDataError
 
 
 def _pack_float(value: Any) -> float:
@@ -128,16 +135,12 @@ def _pack_float(value: Any) -> float:
     return number
 
 
-def _unpack_float(value: object) -> float:
-    if type(value) is float and isfinite(value):
-        return value
-    raise MalformedDataError
-
-
 NONE: Final = _identity_codec("None", NoneType, (None,), "None")
 BOOL: Final = _identity_codec("bool", bool, (True, False), "True or False")
-INT: Final = Codec("int", frozenset({int}), _pack_int, _unpack_int)
-FLOAT: Final = Codec("float", frozenset({float}), _pack_float, _unpack_float)
+INT: Final = _inline_codec("int", int, _pack_int, f"value if {_IS_INT} else malformed()")
+FLOAT: Final = _inline_codec(
+    "float", float, _pack_float, "value if type(value) is float and isfinite(value) else malformed()"
+)
 
 
 def resolution_codec(resolution: Resolution) -> Codec:
@@ -150,12 +153,8 @@ def resolution_codec(resolution: Resolution) -> Codec:
             refuse(value, f"a float of up to 64 bits in steps of 1/{per_unit}")
         return round(steps)
 
-    def unpack(value: object) -> float:
-        if type(value) is int and _LEAST <= value <= _MOST:
-            return value / per_unit
-        raise MalformedDataError
-
-    return Codec(f"float/{per_unit}", FLOAT.kinds, pack, unpack)
+    inline = f"value / {per_unit} if {_IS_INT} else malformed()"
+    return _inline_codec(f"float/{per_unit}", float, pack, inline)
 
 
 def text_codec(most: int) -> Codec:
@@ -174,12 +173,8 @@ def text_codec(most: int) -> Codec:
             )
         return value
 
-    def unpack(value: object) -> str:
-        if type(value) is str and (4 * len(value) <= most or text_size(value) <= most):
-            return value
-        raise MalformedDataError
-
-    return Codec("str", frozenset({str}), pack, unpack)
+    is_short = f"(4 * len(value) <= {most} or text_size(value) <= {most})"
+    return _inline_codec("str", str, pack, f"value if type(value) is str and {is_short} else malformed()")
 
 
 def text_size(value: str) -> int:
@@ -199,12 +194,8 @@ def bytes_codec(most: int) -> Codec:
             )
         return value
 
-    def unpack(value: object) -> bytes:
-        if type(value) is bytes and len(value) <= most:
-            return value
-        raise MalformedDataError
-
-    return Codec("bytes", frozenset({bytes}), pack, unpack)
+    is_valid = f"type(value) is bytes and len(value) <= {most}"
+    return _inline_codec("bytes", bytes, pack, f"value if {is_valid} else malformed()")
 
 
 def enum_codec(cls: type[Enum]) -> Codec:
@@ -383,22 +374,20 @@ def _tuple_codec(codecs: Sequence[Codec]) -> Codec:
             refuse(value, f"a tuple of {count} items")
         return pack_items(value)
 
+    unpack = _decoder(codecs, f"return {_tuple_of(expressions(codecs))}")
     signature = ",".join(codec.signature for codec in codecs)
-    return Codec(f"[{signature}]", frozenset({tuple}), pack, strict_decoder(codecs), _depth(codecs))
+    return Codec(f"[{signature}]", frozenset({tuple}), pack, unpack, _depth(codecs))
 
 
 def _class_codec(cls: type, names: tuple[str, ...], codecs: Sequence[Codec]) -> Codec:
-    make = constructor_of(cls, names)
     attributes = attribute_getter(names)
-    pack_items, unpack_items = _apply_each([codec.pack for codec in codecs]), strict_decoder(codecs)
+    pack_items = _apply_each([codec.pack for codec in codecs])
+    unpack = class_decoder(cls, dict(zip(names, expressions(codecs), strict=True)), codecs)
 
     def pack(value: Any) -> tuple[Any, ...]:
         if type(value) is not cls:  # a subclass would lose fields
             refuse(value, f"a {cls.__name__}")
         return pack_items(attributes(value))
-
-    def unpack(packed: Any) -> Any:
-        return make(unpack_items(packed))
 
     signature = ",".join(f"{name}:{codec.signature}" for name, codec in zip(names, codecs, strict=True))
     return Codec(f"{cls.__qualname__}({signature})", frozenset({cls}), pack, unpack, _depth(codecs))
@@ -455,18 +444,6 @@ def _apply_each(functions: Sequence[Callable[[Any], Any]]) -> Callable[[Sequence
     return lambda items: tuple([function(item) for function, item in zip(functions, items, strict=True)])
 
 
-def strict_decoder(codecs: Sequence[Codec]) -> Callable[[Any], tuple[Any, ...]]:
-    """Return a function that unpacks a tuple of exactly these codecs, or raises MalformedDataError."""
-    functions, count = [codec.unpack for codec in codecs], len(codecs)
-
-    def unpack(packed: Any) -> tuple[Any, ...]:
-        if type(packed) is not tuple or len(packed) != count:
-            raise MalformedDataError
-        return tuple([function(item) for function, item in zip(functions, packed, strict=True)])
-
-    return unpack
-
-
 def attribute_getter(names: tuple[str, ...]) -> Callable[[Any], tuple[Any, ...]]:
     """Return a function from an object to the values of its attributes."""
     if len(names) > 1:
@@ -474,34 +451,65 @@ def attribute_getter(names: tuple[str, ...]) -> Callable[[Any], tuple[Any, ...]]
     return lambda value: tuple(getattr(value, name) for name in names)
 
 
-def constructor_of(cls: type, names: tuple[str, ...]) -> Callable[[tuple[Any, ...]], Any]:
-    """Return a function from field values to an object; it raises MalformedDataError if the class refuses.
+def expressions(codecs: Sequence[Codec]) -> list[str]:
+    """Return Python expressions that decode `value0`, `value1`, … of a generated decoder."""
+    return [
+        f"({codec.inline or f'unpack{index}(value)'})".replace("value", f"value{index}")
+        for index, codec in enumerate(codecs)
+    ]
 
-    Raises UnencodableTypeError if the constructor's parameters are not the fields.
+
+def _tuple_of(values: Iterable[str]) -> str:
+    return f"({''.join(f'{value}, ' for value in values)})"
+
+
+def class_decoder(cls: type, values: Mapping[str, str], codecs: Sequence[Codec]) -> Callable[..., Any]:
+    """Return a function from packed fields, and an `id` if used, to an object; it raises MalformedDataError.
+
+    `values`: the fields' values as Python expressions of `value0`, `value1`, … and `id`. Raises
+    UnencodableTypeError if the constructor's parameters are not the fields.
     """
     parameters = tuple(inspect.signature(cls).parameters.values())
-    if {parameter.name for parameter in parameters} != set(names):
+    if {parameter.name for parameter in parameters} != set(values):
         given = ", ".join(parameter.name for parameter in parameters) or "nothing"
         raise UnencodableTypeError(
-            f"{cls.__name__} has parameters {given}; they must be its fields {', '.join(names)}"
+            f"{cls.__name__} has parameters {given}; they must be its fields {', '.join(values)}"
         )
     if issubclass(cls, tuple) and cls.__new__.__code__.co_filename == "<string>":  # generated by NamedTuple
-        return partial(tuple.__new__, cls)
+        return _decoder(codecs, f"return new(cls, {_tuple_of(values.values())})", cls=cls, new=tuple.__new__)
     if has_generated_init(cls):
-        new = object.__new__
-
-        def fill(values: tuple[Any, ...]) -> Any:
-            made: Any = new(cls)
-            made.__dict__.update(zip(names, values, strict=True))
-            return made
-
-        return fill
+        fields = "; ".join(f"state[{name!r}] = {value}" for name, value in values.items())
+        body = f"made = new(cls); state = made.__dict__; {fields}; return made"
+        return _decoder(codecs, body, cls=cls, new=object.__new__)
     by_position = all(parameter.kind is not inspect.Parameter.KEYWORD_ONLY for parameter in parameters)
 
-    def make(values: tuple[Any, ...]) -> Any:
+    def make(fields: tuple[Any, ...]) -> Any:
         try:
-            return cls(*values) if by_position else cls(**dict(zip(names, values, strict=True)))
+            return cls(*fields) if by_position else cls(**dict(zip(values, fields, strict=True)))
         except Exception as error:  # a user's __post_init__ may raise anything
             raise MalformedDataError from error
 
-    return make
+    return _decoder(codecs, f"return make({_tuple_of(values.values())})", make=make)
+
+
+_DECODER: Final = """
+def unpack(packed, id=None):
+    if type(packed) is not tuple or len(packed) != {count}:
+        malformed()
+    [{variables}] = packed
+    {body}
+"""
+
+
+def _decoder(codecs: Sequence[Codec], body: str, **names: Any) -> Callable[..., Any]:
+    """Return a function that unpacks a tuple of exactly these codecs, and then runs statements."""
+    variables = ", ".join(f"value{index}" for index in range(len(codecs)))
+    functions = {f"unpack{index}": codec.unpack for index, codec in enumerate(codecs)}
+    scope = {"isfinite": isfinite, "malformed": malformed, "text_size": text_size, **functions, **names}
+    exec(_compiled(_DECODER.format(count=len(codecs), variables=variables, body=body)), scope)
+    return cast(Callable[..., Any], scope["unpack"])
+
+
+@cache
+def _compiled(source: str) -> types.CodeType:
+    return compile(source, "<decoder>", "exec")

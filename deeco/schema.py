@@ -14,8 +14,8 @@ from deeco.encoding import (
     UnencodableTypeError,
     UnencodableValueError,
     attribute_getter,
-    constructor_of,
-    strict_decoder,
+    class_decoder,
+    expressions,
 )
 from deeco.errors import DeploymentError, ExecutionError
 from deeco.history import histories, published_fields
@@ -47,10 +47,15 @@ class _Role:
             raise DeploymentError(f"{cls.__name__} cannot be published: decorate its class with @role")
         self.cls = cls
         names = tuple(name for name in published_fields(cls) if name != _ID)
-        past = tuple(histories(cls))
+        past = histories(cls)
         try:
             codecs = Compiler(limits, inside=(cls,)).fields(cls, names)
-            make = constructor_of(cls, (_ID, *names, *past))
+            values = {
+                _ID: _ID,
+                **dict(zip(names, expressions(codecs), strict=True)),
+                **dict.fromkeys(past, "()"),
+            }
+            self.unpack = class_decoder(cls, values, codecs)
         except UnencodableTypeError as unsound:
             raise DeploymentError(f"role {cls.__name__} cannot be published: {unsound}") from None
         depth = max((codec.depth for codec in codecs), default=0)
@@ -59,11 +64,9 @@ class _Role:
                 f"role {cls.__name__} cannot be published: its types are nested {depth} levels deep; "
                 f"at most {limits.max_depth} are allowed (LinkParameters.max_depth)"
             )
-        self._make = (lambda values: make((*values, *[()] * len(past)))) if past else make
         self._names = names
         self._values = attribute_getter(names)
         self._pack = tuple(codec.pack for codec in codecs)
-        self._unpack = strict_decoder(codecs)
         fields = ",".join(f"{name}:{codec.signature}" for name, codec in zip(names, codecs, strict=True))
         self.signature = f"{cls.__qualname__}({fields})"
         self.fingerprint = int.from_bytes(blake2b(self.signature.encode(), digest_size=4).digest(), "little")
@@ -80,11 +83,6 @@ class _Role:
                 f"{self.cls.__name__}.{name} of {value.id!r} cannot be published: {unfit}"
             ) from None
         return tuple(packed)
-
-    def unpack(self, component: str, packed: object) -> Knowledge:
-        """Return the decoded role of a component. Raises MalformedDataError."""
-        made: Knowledge = self._make((component, *self._unpack(packed)))
-        return made
 
 
 class RoleRegistry:
@@ -162,7 +160,7 @@ class RoleRegistry:
                 elif key in found:
                     return None
                 else:
-                    found[key] = role.unpack(component, fields)
+                    found[key] = role.unpack(fields, component)
         except MalformedDataError:
             return None
         return new_tuple(UnpackedRoles, (tuple(found.values()), unknown))

@@ -1,0 +1,134 @@
+"""Cost of a node: `python -m tests.deeco.benchmark` prints CPU times in µs, the minima of many repeats.
+
+Packets: frames of 63 bytes, one packet each, from 20 neighbours in turn; the role has position, mode, goal
+and one claim. "Relayed" is the same packet with another hop count. Idle: a step of 100 ms without received
+frames, mean over ten seconds; a component with one process, three ensembles and replicas; process, ensembles
+and publication are due once per second.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from time import process_time
+from timeit import repeat
+from typing import Final, Self
+
+from deeco import Instant, component, ensemble, milliseconds, periodic, seconds
+from deeco.fragments import CHECKSUM, HEADER, Fragmenter
+from deeco.knowledge import role_fields
+from deeco.link import Reception
+from deeco.network import NetworkParameters
+from deeco.node import Node
+from deeco.packet import increment_hops
+from tests.deeco.sweepers import Sweeper, robot
+
+NEIGHBOURS: Final = 20
+REPEATS: Final = 50
+BATCHES: Final = 20
+"""Batches of frames per repeat; a batch has one frame of each neighbour."""
+FOREVER: Final = seconds(1_000_000)
+"""No replica is dropped."""
+
+
+@component
+class Patroller(Sweeper):
+    @periodic(every=seconds(1))
+    def wait(self) -> Self:
+        return self
+
+
+PATROLLER: Final = Patroller(id="me", **{name: getattr(robot(1), name) for name in role_fields(Sweeper)[1:]})
+
+
+def are_near(first: Sweeper, second: Sweeper, limit: float) -> bool:
+    x, y = first.position.x - second.position.x, first.position.y - second.position.y
+    return x * x + y * y < limit * limit
+
+
+@ensemble(every=seconds(1))
+class Blocking:
+    def membership(self, coordinator: Sweeper, member: Patroller) -> bool:
+        return are_near(coordinator, member, 1.0)
+
+
+@ensemble(every=seconds(1))
+class Avoidance:
+    def membership(self, coordinator: Sweeper, member: Patroller) -> bool:
+        return are_near(coordinator, member, 3.0)
+
+
+@ensemble(every=seconds(1))
+class Handover:
+    def membership(self, coordinator: Sweeper, member: Patroller) -> bool:
+        return coordinator.goal is not None and coordinator.goal == member.goal
+
+
+def publications(times: int, neighbours: int = NEIGHBOURS) -> list[list[Reception]]:
+    """Return the frames of all neighbours, second by second."""
+    nodes = [Node([replace(robot(1), id=f"r{number}")]) for number in range(neighbours)]
+    return [
+        [
+            Reception(frame.instant, number, frame.data, -70.0)
+            for number, node in enumerate(nodes)
+            for frame in node.advance(Instant(seconds(second)))
+        ]
+        for second in range(1, times + 1)
+    ]
+
+
+def listener(neighbours: int = NEIGHBOURS, ensembles: Sequence[object] = ()) -> Node:
+    """Return a node with replicas of all neighbours."""
+    node = Node([PATROLLER], ensembles, parameters=NetworkParameters(forget_after=FOREVER))
+    node.advance(node.now, *publications(1, neighbours))
+    return node
+
+
+def microseconds(run: Callable[[], object], parts: int) -> float:
+    """Return the minimum time of a run, divided by the number of its parts."""
+    return min(repeat(run, timer=process_time, number=1, repeat=REPEATS)) / parts * 1e6
+
+
+def packet(batches: Sequence[Sequence[Reception]]) -> float:
+    """Return the time per packet of a node that receives these batches."""
+    node, left = listener(), iter(batches)
+
+    def receive() -> None:
+        for _ in range(BATCHES):
+            node.advance(node.now, next(left))
+
+    return microseconds(receive, BATCHES * NEIGHBOURS)
+
+
+def repeated_packet(change: Callable[[bytes], bytes]) -> float:
+    """Return the time per packet whose frame is a copy of a known one, changed by a function."""
+    (heard,) = publications(1)
+    return packet(
+        [
+            [one._replace(data=change(bytes(bytearray(one.data)))) for one in heard]
+            for _ in range(BATCHES * REPEATS)
+        ]
+    )
+
+
+def relayed(frame: bytes) -> bytes:
+    """Return a frame of one packet as another node relays it."""
+    (made,) = Fragmenter(99).frames([increment_hops(frame[HEADER.size : -CHECKSUM.size])])
+    return made
+
+
+def idle_step(neighbours: int) -> float:
+    node = listener(neighbours, [Blocking(), Avoidance(), Handover()])
+
+    def wait() -> None:
+        for _ in range(100):
+            node.advance(Instant(node.now + milliseconds(100)))
+
+    return microseconds(wait, 100)
+
+
+if __name__ == "__main__":
+    news = packet(publications(BATCHES * REPEATS + 1)[1:])
+    print(f"packet with news                 {news:8.2f}")
+    print(f"packet without news, same frame  {repeated_packet(bytes):8.2f}")
+    print(f"packet without news, relayed     {repeated_packet(relayed):8.2f}")
+    for number in (20, 256):
+        print(f"idle step, {number:3} replicas          {idle_step(number):8.2f}")
