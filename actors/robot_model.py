@@ -9,9 +9,9 @@ from typing import Annotated, Any, Final, Literal
 import msgspec
 import numpy as np
 from msgspec import Meta
-from numpy.typing import NDArray
 
 from actors import geometry, settings, wording
+from actors.array_types import Floats
 from actors.geometry import Point, Pose
 from actors.instant import Duration, seconds
 from actors.portable import hypot
@@ -348,11 +348,11 @@ class RobotDescription(Settings, frozen=True):
         return Point(*self.start[:2])
 
 
-def scan_angles(sensor: RangeSensor) -> NDArray[np.float64]:
+def scan_angles(sensor: RangeSensor) -> Floats:
     """Return the directions of the rays in the body frame: (rays,), rad in (−π, π], in scan order."""
     half = math.radians(sensor.field_of_view_deg) / 2
     angles = sensor.mount.heading + np.linspace(sensor.first_angle, half, sensor.rays)
-    wrapped: NDArray[np.float64] = math.pi - np.mod(math.pi - angles, math.tau)
+    wrapped: Floats = math.pi - np.mod(math.pi - angles, math.tau)
     return wrapped
 
 

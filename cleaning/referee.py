@@ -7,8 +7,8 @@ from typing import Any, Final
 
 import msgspec
 import numpy as np
-from numpy.typing import NDArray
 
+from actors.array_types import Floats, Int64s
 from actors.geometry import Point
 from actors.instant import Instant, in_seconds
 from actors.items import ItemGivenUp, ItemKey, TaskReports
@@ -143,8 +143,8 @@ class Referee(Judge):
         self._places: dict[ItemKey, PlaceOutcome] = {}
         """All places; their order is that of the points."""
         self._keys: list[ItemKey] = []
-        self._points: NDArray[np.float64] = np.empty((0, 2))
-        self._unreached = np.arange(0)
+        self._points: Floats = np.empty((0, 2))
+        self._unreached: Int64s = np.arange(0)
         """Indices of the places that no robot has reached."""
         self._unsettled: set[ItemKey] = set()
         self._assigned: dict[str, tuple[ItemKey, ...]] = dict.fromkeys(setup.robots, ())
@@ -173,7 +173,7 @@ class Referee(Judge):
         """True once every place was reported or given up; False without places."""
         return bool(self._keys) and not self._unsettled
 
-    def watch(self, instant: Instant, positions: NDArray[np.float64]) -> None:
+    def watch(self, instant: Instant, positions: Floats) -> None:
         """Process the robots' true positions, (n, 2) m, in the order of the set-up."""
         if not self._unreached.size:
             return

@@ -1,9 +1,9 @@
 """Kernel that finds the places within reach of robots."""
 
 import numpy as np
-from numpy.typing import NDArray
 
-from actors.kernels import njit
+from actors.array_types import Floats, Int64s
+from actors.kernels import kernel
 
 
 def fingerprint() -> bytes:
@@ -11,14 +11,11 @@ def fingerprint() -> bytes:
     places = np.array([[0.0, 0.0], [1.0, 0.5], [5.0, 5.0]])
     # a view, as in the world, so that the same variant is compiled
     positions = np.array([[1.1, 0.3, 0.0], [0.1, 0.2, 0.0], [1.0, 0.4, 0.0]])[:, :2]
-    found: bytes = find_visits(places, np.arange(3), positions, 0.5).tobytes()
-    return found
+    return find_visits(places, np.arange(3), positions, 0.5).tobytes()
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
-def find_visits(
-    places: NDArray[np.float64], watched: NDArray[np.int64], positions: NDArray[np.float64], reach: float
-) -> NDArray[np.int64]:
+@kernel
+def find_visits(places: Floats, watched: Int64s, positions: Floats, reach: float) -> Int64s:
     """Return (k, 2): indices of each visited place and of the first robot less than `reach` away from it.
 
     places (m, 2) and positions (n, 2), m; watched (w,): indices of the places to check, in order.

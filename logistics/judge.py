@@ -6,8 +6,8 @@ from dataclasses import dataclass
 from typing import Any, Final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from actors.array_types import Floats
 from actors.geometry import Point
 from actors.instant import Instant, in_seconds
 from actors.items import ItemKey, TaskReports
@@ -124,7 +124,7 @@ class LogisticsJudge(Judge):
         """Robot that uses each charger."""
         self._orders: dict[tuple[str, int], OrderState] = {}
         self._robots = {robot: RobotState(len(lists[0]), {}) for robot in self._ids}
-        self._positions: NDArray[np.float64] = np.zeros((len(self._ids), 2))
+        self._positions: Floats = np.zeros((len(self._ids), 2))
         self._now = 0
         for facility in self._facilities:
             self._show_facility(*facility)
@@ -135,7 +135,7 @@ class LogisticsJudge(Judge):
         everyone = self._settings.orders is not None and not self._arrivals
         return everyone and all(one.delivered is not None for one in self._orders.values())
 
-    def watch(self, instant: Instant, positions: NDArray[np.float64]) -> None:
+    def watch(self, instant: Instant, positions: Floats) -> None:
         """Process the true positions at the start of a step: orders, outages, what robots see, chargers."""
         passed, self._now, self._positions = instant - self._now, instant, positions
         while self._arrivals and self._arrivals[-1].order.arrived <= instant:

@@ -9,8 +9,9 @@ import sys
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 from PIL import Image
+
+from actors.array_types import Flags, Octets
 
 RESOLUTION = 0.03125
 ROWS, COLUMNS = 474, 941
@@ -82,7 +83,7 @@ def floor() -> Corners:
     return [corner for part in parts for corner in part]
 
 
-def inside(corners: Corners) -> NDArray[np.bool_]:
+def inside(corners: Corners) -> Flags:
     """Return the pixels with their centre in the polygon (even-odd rule): (ROWS, COLUMNS), row 0 south.
 
     Corners are first rounded to pixel corners, where the walls of the original are.
@@ -100,7 +101,7 @@ def inside(corners: Corners) -> NDArray[np.bool_]:
     return mask
 
 
-def pillars() -> NDArray[np.bool_]:
+def pillars() -> Flags:
     """Return the pixels with their centre in a pillar: (ROWS, COLUMNS), row 0 south."""
     x = (np.arange(COLUMNS) + 0.5) * RESOLUTION
     y = (np.arange(ROWS)[:, None] + 0.5) * RESOLUTION
@@ -110,7 +111,7 @@ def pillars() -> NDArray[np.bool_]:
     return mask
 
 
-def draw() -> NDArray[np.uint8]:
+def draw() -> Octets:
     """Return the map's image, (ROWS, COLUMNS), row 0 north: white floor in a closed black wall, else grey."""
     free = inside(floor())
     walled = np.pad(free, WALL)

@@ -8,7 +8,6 @@ from typing import Any, Final
 
 import msgspec
 import numpy as np
-from numpy.typing import NDArray
 from scipy.stats import binomtest
 
 from acrc_testbed.benchmarks.benchmark_result import BenchmarkResult, make_table
@@ -27,14 +26,15 @@ from acrc_testbed.benchmarks.localisation_tracking import (
     replay,
 )
 from acrc_testbed.experiments.paired_tests import Interval
+from actors.array_types import Floats
 
 _RESAMPLES: Final = 2000
 
 
-def bootstrap_means(values: NDArray[np.float64]) -> NDArray[np.float64]:
+def bootstrap_means(values: Floats) -> Floats:
     """Return (_RESAMPLES,) bootstrap means of the values."""
     draws = np.random.default_rng(0).integers(len(values), size=(_RESAMPLES, len(values)))
-    means: NDArray[np.float64] = values[draws].mean(axis=1)
+    means: Floats = values[draws].mean(axis=1)
     return means
 
 

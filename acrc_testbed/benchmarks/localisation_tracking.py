@@ -14,8 +14,8 @@ from typing import Annotated, Any, Final, Literal
 
 import msgspec
 import numpy as np
-from numpy.typing import NDArray
 
+from actors.array_types import Flags, Floats, Int64s, Singles, UInt16s
 from actors.floor.grid import OccupancyGrid
 from actors.floor.map_file import MapError, load_map
 from actors.geometry import Pose, wrap
@@ -46,15 +46,15 @@ class Course:
     sensor: RangeSensor
     start: Pose
     """The true pose at the first odometry pose, m and rad, map frame."""
-    instants: NDArray[np.int64]
+    instants: Int64s
     """(n,): times of the odometry, µs."""
-    odometry: NDArray[np.float64]
+    odometry: Floats
     """(n, 3): x, y, heading, m and rad, odometry frame."""
-    truth: NDArray[np.float64]
+    truth: Floats
     """(n, 3): true poses at `instants`, m and rad, map frame."""
-    stamps: NDArray[np.int64]
+    stamps: Int64s
     """(k,): times of the scans, µs."""
-    scans: NDArray[np.uint16]
+    scans: UInt16s
     """(k, rays): ranges, mm; NO_ECHO_MM = no echo within range."""
 
     @property
@@ -138,7 +138,7 @@ class _Log:
             except MapError as error:
                 raise self._error(str(error).replace(f"{folder}/", "").rstrip(".")) from error
 
-    def _poses(self, name: str) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+    def _poses(self, name: str) -> tuple[Int64s, Floats]:
         times, poses = self._numbers(name, POSES)
         if not (np.abs(poses) <= _MAX_COORDINATE).all():
             raise self._error(f"{name} has a value beyond ± {_MAX_COORDINATE:g} or NaN")
@@ -146,14 +146,14 @@ class _Log:
         poses[beyond, 2] = [wrap(angle) for angle in poses[beyond, 2].tolist()]
         return times, poses
 
-    def _scans(self, rays: int) -> tuple[NDArray[np.int64], NDArray[np.uint16]]:
+    def _scans(self, rays: int) -> tuple[Int64s, UInt16s]:
         columns = ",".join(["time_us", *(f"r{i}" for i in range(rays))])
         times, ranges = self._numbers("scans.csv", columns)
         if not ((ranges >= 0) & (ranges <= NO_ECHO_MM) & (ranges == np.floor(ranges))).all():
             raise self._error(f"scans.csv has a range that is not a whole number from 0 to {NO_ECHO_MM} mm")
         return times, ranges.astype(np.uint16)
 
-    def _numbers(self, name: str, columns: str) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+    def _numbers(self, name: str, columns: str) -> tuple[Int64s, Floats]:
         """Return the first column of a table, times, and the other columns."""
         raw = self._bytes(name, TEXT_BYTES)
         header, _, rows = raw.decode("ascii", "replace").partition("\n")
@@ -212,8 +212,6 @@ CLEAR_STEPS: Final = 50
 """Number of steps before and after a report without an error above BEYOND that make it false; 5 s."""
 RELOCALISED: Final = (0.5, math.radians(15.0))
 """Position and heading errors, m and rad, below which a lost robot has relocalised."""
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
@@ -278,15 +276,15 @@ class FilterRun:
     """Errors of one run."""
 
     seed: int
-    errors: NDArray[np.float32]
+    errors: Singles
     """(n,): position error at every odometry pose, m, without alignment."""
-    turns: NDArray[np.float32]
+    turns: Singles
     """(n,): absolute heading error, rad."""
-    nees: NDArray[np.float32]
+    nees: Singles
     """(n,): normalised estimation error squared; inf where the covariance is singular."""
-    announced: NDArray[np.bool_]
+    announced: Flags
     """(n,): whether the robot reports that it is lost."""
-    costs: NDArray[np.float32]
+    costs: Singles
     """(m,): CPU time of the calls that weighed a scan, s."""
     outcome: dict[str, object]
 
@@ -301,7 +299,7 @@ class FilterRun:
         return float(np.mean(np.square(self.errors, dtype=np.float64)))
 
     @property
-    def tracking(self) -> NDArray[np.float32]:
+    def tracking(self) -> Singles:
         """NEES of the steps with an error of at most BEYOND."""
         return self.nees[self.errors <= TRACKED]
 
@@ -373,7 +371,7 @@ def errors_against_truth(seed: int, truth: Floats, odometry: Floats, track: Esti
     )
 
 
-def weighed_calls(odometry: Floats, poses: Floats) -> NDArray[np.bool_]:
+def weighed_calls(odometry: Floats, poses: Floats) -> Flags:
     """Return (n,): calls that changed the estimate beyond the odometry's motion; both arrays (n, 3)."""
     turn = poses[:, 2] - odometry[:, 2]
     c, s = np.cos(turn), np.sin(turn)

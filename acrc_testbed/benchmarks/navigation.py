@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 from rich.table import Table
 
 from acrc_testbed.benchmarks.benchmark_result import BenchmarkResult, make_table
+from actors.array_types import Floats, Octets
 from actors.floor.grid import FREE, OCCUPIED, UNKNOWN, Cell, OccupancyGrid
 from actors.geometry import Point, Pose, Twist
 from actors.instant import Instant
@@ -237,7 +238,7 @@ def _compare_plans(rows: Rows) -> tuple[str, PlanFigures]:
     )
 
 
-def _length(path: NDArray[np.float64]) -> float:
+def _length(path: Floats) -> float:
     """Return the length of a path of (n, 2) points, m."""
     return float(np.hypot(*np.diff(path, axis=0).T).sum())
 
@@ -251,7 +252,7 @@ def _inflation(rows: Rows) -> dict[str, float]:
     return {"cells": 2 * marks.size, "equal": equal / (2 * marks.size)}
 
 
-def _equal_costs(marks: NDArray[np.uint8], theirs: NDArray[np.uint8], numbers: Mapping[str, float]) -> int:
+def _equal_costs(marks: Octets, theirs: Octets, numbers: Mapping[str, float]) -> int:
     model = _robot_model()
     parameters: CostMapParameters = replace(
         LOCAL_MAP_PRESETS[PRESET],

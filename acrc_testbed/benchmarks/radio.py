@@ -24,6 +24,7 @@ from acrc_testbed.benchmarks.radio_trials import (
 )
 from acrc_testbed.picture import style
 from acrc_testbed.picture.style import Axes
+from actors.array_types import Floats
 from actors.floor.grid import FREE, OCCUPIED, OccupancyGrid
 from actors.floor.map_file import load_map
 from actors.ieee802154 import airtime_ns
@@ -71,9 +72,8 @@ def frame_cost(plan: OccupancyGrid, robots: int, seconds: int, seed: int) -> flo
     places = (free[rng.integers(0, len(free), robots)][:, ::-1] + 0.5) * plan.resolution + plan.origin
     swing = rng.uniform(-0.3, 0.3, (robots, 2))
 
-    def positions(instant_ns: int) -> NDArray[np.float64]:
-        at: NDArray[np.float64] = places + swing * math.sin(instant_ns / 1e9)
-        return at
+    def positions(instant_ns: int) -> Floats:
+        return places + swing * math.sin(instant_ns / 1e9)
 
     medium.follow(positions)
     for number in range(robots):
@@ -181,11 +181,10 @@ def _received_share(
     return float(medium.outcomes()[1, Outcome.HEARD]) / task.frames
 
 
-def _formula_share(parameters: RadioParameters, loss_db: NDArray[np.float64]) -> NDArray[np.float64]:
+def _formula_share(parameters: RadioParameters, loss_db: Floats) -> Floats:
     """Return the share of 127-octet frames received for each loss, by formula."""
     snr_db = parameters.transceiver.tx_power_dbm - loss_db - parameters.phy.noise_dbm
-    arriving: NDArray[np.float64] = 1.0 - frame_error_rate(snr_db, 127)
-    return arriving
+    return 1.0 - frame_error_rate(snr_db, 127)
 
 
 def _plot_range(axes: Axes, task: PlotTask, data: Path | None) -> None:
@@ -228,7 +227,7 @@ def grey_zone(sigma_db: float, places: int = PlotTask.places) -> tuple[NDArray[A
     """Return mean received powers, dBm, and the share of frames received over links with shadowing."""
     parameters, powers = preset("beeclick"), np.arange(-100.0, -78.0, 0.25)
     ends = np.random.default_rng(1).uniform(0.0, 2000.0, (2, places, 2))
-    shadows: NDArray[np.float64] = np.zeros(places)
+    shadows: Floats = np.zeros(places)
     if sigma_db:
         flat = replace(
             parameters.propagation.path_loss, near_loss_db=200.0, near_exponent=0.0, breakpoint=np.inf

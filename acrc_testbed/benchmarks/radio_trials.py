@@ -19,8 +19,8 @@ from statistics import mean, stdev
 from typing import Any, Final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from actors.array_types import Floats
 from actors.ieee802154 import airtime_ns
 from actors.radio.medium.medium import Medium, PoissonTraffic, Propagation, Request, SaturatedTraffic
 from actors.radio.medium.state import BROADCAST, Cca, EventKind, Outcome, PhyParameters, Transceiver
@@ -140,19 +140,16 @@ _BATCH: Final = 20_000
 class LossTable:
     """Propagation given by a table of losses, dB; transceiver i is at (i, 0)."""
 
-    def __init__(self, losses_db: NDArray[np.float64]) -> None:
+    def __init__(self, losses_db: Floats) -> None:
         self._losses_db = losses_db
 
-    def loss_db(
-        self, senders: NDArray[np.float64], receivers: NDArray[np.float64], most_db: float = math.inf
-    ) -> NDArray[np.float64]:
+    def loss_db(self, senders: Floats, receivers: Floats, most_db: float = math.inf) -> Floats:
         """Return the losses as `Propagation.loss_db`."""
         rows, columns = senders[:, 0].astype(np.intp), receivers[:, 0].astype(np.intp)
-        losses: NDArray[np.float64] = self._losses_db[np.ix_(rows, columns)]
-        return losses
+        return self._losses_db[np.ix_(rows, columns)]
 
     @property
-    def places(self) -> NDArray[np.float64]:
+    def places(self) -> Floats:
         """(n, 2): positions of the transceivers, m."""
         n = len(self._losses_db)
         return np.stack([np.arange(n, dtype=np.float64), np.zeros(n)], axis=1)
@@ -163,7 +160,7 @@ class TrialScene:
     """Positions, settings and traffic of contending transceivers."""
 
     propagation: Propagation
-    places: NDArray[np.float64]
+    places: Floats
     """(senders + 1, 2), m; the last is the sink."""
     phy: PhyParameters
     settings: Transceiver
@@ -275,7 +272,7 @@ def _hidden_losses(weaker_db: float) -> LossTable:
     return LossTable(losses)
 
 
-def _scattered_places(senders: int, side: float) -> NDArray[np.float64]:
+def _scattered_places(senders: int, side: float) -> Floats:
     """Return positions by a linear congruential generator, x before y; the last one is the centre."""
     state, draws = 1, []
     for _ in range(2 * (senders + 1)):

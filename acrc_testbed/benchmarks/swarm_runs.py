@@ -23,9 +23,9 @@ import msgspec
 import numpy as np
 from msgspec.structs import replace
 from numba import carray, cfunc, types
-from numpy.typing import NDArray
 
 from acrc_testbed.results.result import RunResult
+from actors.array_types import Int64s
 from actors.floor.map_file import load_map
 from actors.floor.placement import draw_points
 from actors.installation.repository import PACKAGES, REPOSITORY, SHIPPED
@@ -123,7 +123,7 @@ class _Allocator(ctypes.Structure):
 
 
 @contextmanager
-def count_allocations() -> Iterator[NDArray[np.int64]]:
+def count_allocations() -> Iterator[Int64s]:
     """Count blocks requested from Python's allocator in the only element of an array, including freed ones.
 
     Objects from CPython's free lists (small tuples, floats) are not counted.

@@ -10,7 +10,6 @@ from typing import Any, Final, TypeVar
 import numpy as np
 import pymunk
 from numpy.random import Generator
-from numpy.typing import NDArray
 
 from acrc_testbed.benchmarks.benchmark_result import (
     BenchmarkResult,
@@ -19,6 +18,7 @@ from acrc_testbed.benchmarks.benchmark_result import (
     max_goal,
     min_goal,
 )
+from actors.array_types import Floats
 from actors.floor.grid import OccupancyGrid, outline
 from actors.floor.map_file import load_map
 from actors.floor.placement import draw_points
@@ -123,10 +123,10 @@ class _PymunkScene:
 
     def __init__(
         self,
-        segments: NDArray[np.float64],
+        segments: Floats,
         poses: list[Pose],
         radius: float,
-        angles: NDArray[np.float64],
+        angles: Floats,
         mount: float,
         reach: float,
     ) -> None:
@@ -241,7 +241,7 @@ class _WanderingSwarm:
         names = [f"r{index}" for index in range(robots)]
         self.arena = Arena(outline(grid), names, models, random_poses(grid, robots, rng))
         self.sensors = RangeSensors(grid, models, rng.spawn(robots))
-        self.velocities: NDArray[np.float64] = np.random.default_rng(task.seed).uniform(
+        self.velocities: Floats = np.random.default_rng(task.seed).uniform(
             (0.0, 0.0, -1.0), (0.5, 0.0, 1.0), (task.seconds_long, robots, 3)
         )
 

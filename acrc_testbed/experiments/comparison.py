@@ -21,7 +21,6 @@ from acrc_testbed.experiments.metrics import (
 from acrc_testbed.experiments.paired_tests import (
     MIN_PAIRS,
     NO_TEST,
-    Floats,
     Interval,
     PairedTest,
     a12_interval,
@@ -30,6 +29,7 @@ from acrc_testbed.experiments.paired_tests import (
 )
 from acrc_testbed.experiments.study import Study, Variant, variant_text
 from acrc_testbed.experiments.trial_record import TrialRecord, identical_seconds
+from actors.array_types import Floats
 from actors.task.task import Metric
 
 

@@ -35,6 +35,7 @@ from acrc_testbed.experiments.study import Study, Variant
 from acrc_testbed.experiments.trial_record import TrialRecord
 from acrc_testbed.experiments.verdicts import InterimAnalysis, PairVerdict, family_size, verdicts
 from acrc_testbed.results.result import RunResult
+from actors.array_types import Flags, Floats, Int64s
 from actors.runtime.errors import AcrcError
 from actors.task.task import Metric
 
@@ -71,12 +72,12 @@ class OverallEstimate(NamedTuple):
 class _Differences(NamedTuple):
     """Differences in a metric between two strategies, by cell, seed and map; each (n,)."""
 
-    values: NDArray[np.float64]
-    cells: NDArray[np.int64]
-    seeds: NDArray[np.int64]
+    values: Floats
+    cells: Int64s
+    seeds: Int64s
     maps: NDArray[np.str_]
 
-    def mean(self, chosen: NDArray[np.bool_]) -> float:
+    def mean(self, chosen: Flags) -> float:
         """Return the model's mean; for too few cells the mean of the cells' means."""
         known, cells = self.values[chosen], self.cells[chosen]
         names = np.unique(cells)

@@ -8,10 +8,11 @@ from itertools import pairwise
 from typing import Final, NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.stats import beta, norm, rankdata, sem, t
 
-Floats = NDArray[np.float64]
+from actors.array_types import Floats, Int64s
+
 CONFIDENCE: Final = 0.95
 _HALVINGS: Final = 40
 """Bisections for a bound of A12: accurate to 1e-12."""
@@ -87,7 +88,6 @@ def share_upper_bound(found: int, of: int) -> float:
     return 1.0 if found == of else float(beta.ppf(CONFIDENCE, found + 1, of - found))
 
 
-Integers = NDArray[np.int64]
 ALPHA: Final = 0.05
 _STEPS_PER_PAIR: Final = 50
 """Resolution of differences: mean number of integer steps per pair."""
@@ -136,7 +136,7 @@ def equivalence_p(differences: ArrayLike, margin: float) -> float:
     return max(_one_sided(found + margin), _one_sided(margin - found))
 
 
-def _whole_steps(differences: Floats) -> Integers:
+def _whole_steps(differences: Floats) -> Int64s:
     """Return absolute differences as integers; only zero differences become 0."""
     sizes = np.abs(differences)
     if not sizes.any():
@@ -145,7 +145,7 @@ def _whole_steps(differences: Floats) -> Integers:
     return np.where(sizes > 0, np.maximum(steps, 1), 0).astype(np.int64)
 
 
-def _two_sided(differences: Floats, scores: Integers) -> PairedTest:
+def _two_sided(differences: Floats, scores: Int64s) -> PairedTest:
     scores = np.where(differences == 0, 0, scores)
     statistic = int((np.sign(differences).astype(np.int64) * scores).sum())
     p = min(1.0, 2 * tail_probability(scores, abs(statistic)))
@@ -157,7 +157,7 @@ def _one_sided(differences: Floats) -> float:
     return tail_probability(scores, int((np.sign(differences).astype(np.int64) * scores).sum()))
 
 
-def tail_probability(scores: Integers, statistic: int) -> float:
+def tail_probability(scores: Int64s, statistic: int) -> float:
     """Return the exact probability that scores (n,) with random signs sum to at least the statistic."""
     total = int(scores.sum())
     chances = np.zeros(total + 1)  # distribution of the sum of positive scores

@@ -7,12 +7,13 @@ from dataclasses import dataclass
 from typing import Final, NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy import stats
 from scipy.optimize import minimize
 from scipy.stats import t
 
-from acrc_testbed.experiments.paired_tests import CONFIDENCE, Floats, Interval, mean_interval
+from acrc_testbed.experiments.paired_tests import CONFIDENCE, Interval, mean_interval
+from actors.array_types import Flags, Floats, Indices
 
 MIN_CELLS: Final = 3
 _MIN_SEEDS: Final = 3
@@ -94,7 +95,7 @@ def fit(values: ArrayLike, cells: ArrayLike, seeds: ArrayLike) -> RandomEffectsF
 class _Likelihood:
     """REML criterion (lower is better) of the groups' relative standard deviations."""
 
-    def __init__(self, values: Floats, groups: Sequence[NDArray[np.intp]]) -> None:
+    def __init__(self, values: Floats, groups: Sequence[Indices]) -> None:
         columns = [np.eye(int(group.max()) + 1)[group] for group in groups]
         self._middle = float(values.mean())  # centred for numerical accuracy
         self._values = values - self._middle
@@ -188,7 +189,7 @@ def restricted_mean(runs: Sequence[Completion], horizon: float) -> Interval:
     return Interval(value, max(value - half, 0.0), min(value + half, horizon))
 
 
-def _area(at: Floats, done: NDArray[np.bool_], horizon: float) -> float:
+def _area(at: Floats, done: Flags, horizon: float) -> float:
     """Return the area under the Kaplan-Meier curve up to the horizon."""
     times, which = np.unique(at, return_inverse=True)
     ended, left = np.bincount(which, done), np.bincount(which)

@@ -8,7 +8,6 @@ from typing import Any, Final
 
 import numpy as np
 from numpy.random import Generator
-from numpy.typing import NDArray
 
 from acrc_testbed.experiments.comparison import (
     Comparison,
@@ -34,6 +33,7 @@ from acrc_testbed.experiments.store import Store
 from acrc_testbed.experiments.study import Study, Trial
 from acrc_testbed.experiments.trial_record import TrialRecord
 from acrc_testbed.results.result import RunResult
+from actors.array_types import Int64s
 from actors.runtime.errors import AcrcError
 from actors.task.task import Metric
 
@@ -356,7 +356,7 @@ def simulated_power(
     return tuple((counts / campaigns).tolist())
 
 
-def select_pairs(samples: Sequence[PairedSample], indices: NDArray[np.int64]) -> list[PairedSample]:
+def select_pairs(samples: Sequence[PairedSample], indices: Int64s) -> list[PairedSample]:
     """Return the samples restricted to the pairs at these indices."""
     chosen = indices.tolist()
     return [one._replace(pairs=tuple(one.pairs[index] for index in chosen)) for one in samples]

@@ -15,17 +15,18 @@ from numpy.typing import NDArray
 
 from acrc_testbed.explanation import robot_states
 from acrc_testbed.explanation.episodes import STANDARD, true_intervals
-from acrc_testbed.explanation.robot_states import NO_ROBOT, Flags, RobotStates, estimates_in_walls
+from acrc_testbed.explanation.robot_states import NO_ROBOT, RobotStates, estimates_in_walls
 from acrc_testbed.explanation.time_spent import BlockingEvent, Cause, DeadlockCount, Finding
 from acrc_testbed.explanation.true_floor import Passages, TrueFloor
 from acrc_testbed.run_model.data import RunData
+from actors.array_types import Flags, Int32s, Int64s, Octets
 from actors.instant import seconds
 
 
 class Roots(NamedTuple):
     """Roots of the chains of all robots; (steps, robots) each."""
 
-    root: NDArray[np.int32]
+    root: Int32s
     """Root of the robot's chain, itself if it does not wait; NO_ROBOT: the chain ends in a ring."""
     ring: NDArray[np.bool_]
     """The robot is part of a ring."""
@@ -33,7 +34,7 @@ class Roots(NamedTuple):
     """The chain leads through a door or up to one."""
 
 
-def roots(before: NDArray[np.int32], at_door: NDArray[np.bool_]) -> Roots:
+def roots(before: Int32s, at_door: NDArray[np.bool_]) -> Roots:
     """Find the roots of all chains.
 
     `before`: robot that each waits for, or NO_ROBOT; `at_door`: where it waits at a door; (steps, robots).
@@ -52,7 +53,7 @@ def roots(before: NDArray[np.int32], at_door: NDArray[np.bool_]) -> Roots:
     return Roots(root, _ring_members(root == NO_ROBOT, before), doors)
 
 
-def with_waiting_robots(marked: NDArray[np.bool_], before: NDArray[np.int32]) -> NDArray[np.bool_]:
+def with_waiting_robots(marked: NDArray[np.bool_], before: Int32s) -> NDArray[np.bool_]:
     """Return the marked robots and all robots that wait for them, (steps, robots)."""
     reached = marked.copy()
     while True:
@@ -63,7 +64,7 @@ def with_waiting_robots(marked: NDArray[np.bool_], before: NDArray[np.int32]) ->
         reached[rows[joins], robots[joins]] = True
 
 
-def _ring_members(rootless: NDArray[np.bool_], before: NDArray[np.int32]) -> NDArray[np.bool_]:
+def _ring_members(rootless: NDArray[np.bool_], before: Int32s) -> NDArray[np.bool_]:
     """Reduce the robots without a root to those that are part of a ring."""
     ring = rootless.copy()
     while True:
@@ -79,7 +80,7 @@ CAUSES: Final = tuple(Cause)
 _UNDECIDED: Final = 255
 _MOST_OWN: Final = 100
 """Most causes of a task, as a recording may declare any number."""
-Causes = NDArray[np.uint8]
+Causes = Octets
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,9 +89,9 @@ class CauseTable:
 
     causes: Causes
     """Index in `names`."""
-    before: NDArray[np.int32]
+    before: Int32s
     """The robot that it waits for, or NO_ROBOT."""
-    root: NDArray[np.int32]
+    root: Int32s
     """Root of its chain, itself if it does not wait; NO_ROBOT: the chain ends in a ring."""
     ring: Flags
     """It is part of a ring of robots that wait for each other."""
@@ -155,7 +156,7 @@ def _independent_causes(states: RobotStates, walled: Flags, task: Causes) -> Cau
     return own
 
 
-def _floor_causes(states: RobotStates, stuck: Flags, before: NDArray[np.int32]) -> Causes:
+def _floor_causes(states: RobotStates, stuck: Flags, before: Int32s) -> Causes:
     """Return CLOSED_DOOR or UNREACHABLE where the floor blocks the path to the goal; else _UNDECIDED."""
     causes = np.full(stuck.shape, _UNDECIDED, np.uint8)
     closed, unreachable = CAUSES.index(Cause.CLOSED_DOOR), CAUSES.index(Cause.UNREACHABLE)
@@ -175,7 +176,7 @@ def _floor_causes(states: RobotStates, stuck: Flags, before: NDArray[np.int32]) 
 
 
 def _leads_through_closed_door(
-    states: RobotStates, robot: int, rows: NDArray[np.int64], goal: tuple[float, float]
+    states: RobotStates, robot: int, rows: Int64s, goal: tuple[float, float]
 ) -> Flags:
     """Return where a closed door is near on the path that would exist with open doors, (rows,)."""
     leads = np.zeros(len(rows), np.bool_)
@@ -194,7 +195,7 @@ def _leads_through_closed_door(
     return leads
 
 
-def _at_door(run: RunData, before: NDArray[np.int32], passages: Passages) -> Flags:
+def _at_door(run: RunData, before: Int32s, passages: Passages) -> Flags:
     """Return where a robot waits and one of the pair, or their midpoint, is at a door, (steps, robots)."""
     doors = np.zeros(before.shape, np.bool_)
     rows, robots = np.nonzero(before != NO_ROBOT)
@@ -206,7 +207,7 @@ def _at_door(run: RunData, before: NDArray[np.int32], passages: Passages) -> Fla
 
 
 def _propagate_causes(
-    states: RobotStates, own: Causes, before: NDArray[np.int32], barred: Causes, doors: Flags
+    states: RobotStates, own: Causes, before: Int32s, barred: Causes, doors: Flags
 ) -> tuple[Causes, Roots]:
     """Derive the causes of all robots from the roots of their chains."""
     is_barred = barred != _UNDECIDED
@@ -269,8 +270,7 @@ def _single_causes(states: RobotStates, own: Causes, barred: Causes) -> Causes:
 def _stays_put(states: RobotStates, own: Causes) -> Flags:
     """Return where a robot stays in the way of others, (steps, robots)."""
     ended = np.isin(own, [CAUSES.index(cause) for cause in (Cause.OFF, Cause.FROZEN)])
-    stays: Flags = states.stands | states.moves_to_and_fro | ended
-    return stays
+    return states.stands | states.moves_to_and_fro | ended
 
 
 AT_DOOR: Final = "door"

@@ -6,9 +6,9 @@ from dataclasses import dataclass
 from typing import Final, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from acrc_testbed.run_model.data import Route, RunData, Trajectory
+from actors.array_types import Flags, Floats, Int64s
 from actors.robot.navigation.navigation_counts import GoalRecord
 
 NO_GOAL: Final = -1
@@ -18,7 +18,7 @@ ABORTED: Final = frozenset({"no plan", "blocked", "no progress"})
 """Results of aborted goals."""
 
 
-def pursued_goals(goals: Sequence[GoalRecord], run: RunData) -> NDArray[np.int64]:
+def pursued_goals(goals: Sequence[GoalRecord], run: RunData) -> Int64s:
     """Return the number of the robot's current goal, (steps,); NO_GOAL: none.
 
     An aborted goal counts until the next one or the end of the run, as the strategy has not cancelled it.
@@ -33,7 +33,7 @@ def pursued_goals(goals: Sequence[GoalRecord], run: RunData) -> NDArray[np.int64
     return pursuing
 
 
-def interval_mask(found: Sequence[tuple[int, int | None]], run: RunData) -> NDArray[np.bool_]:
+def interval_mask(found: Sequence[tuple[int, int | None]], run: RunData) -> Flags:
     """Return the mask of intervals, (steps,); each from begin to end, µs; None: to the end of the run."""
     mask = np.zeros(len(run.true), np.bool_)
     for begin, end in found:
@@ -108,14 +108,14 @@ class Episode(NamedTuple):
     end: int
 
 
-def true_intervals(mask: NDArray[np.bool_], least: int = 1) -> list[Episode]:
+def true_intervals(mask: Flags, least: int = 1) -> list[Episode]:
     """Return the intervals of True in `mask`, (samples,), with at least `least` samples."""
     edges = np.flatnonzero(np.diff(np.concatenate([[False], mask, [False]])))
     pairs = zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True)
     return [Episode(begin, end) for begin, end in pairs if end - begin >= least]
 
 
-def lost_intervals(errors: NDArray[np.float64]) -> list[Episode]:
+def lost_intervals(errors: Floats) -> list[Episode]:
     """Return when a robot was lost: from an error above `lost` until one below `relocalised`.
 
     `errors`: (samples,), localisation error, m; NaN (unknown) keeps the state.
@@ -131,9 +131,7 @@ def lost_intervals(errors: NDArray[np.float64]) -> list[Episode]:
     return true_intervals(is_lost)
 
 
-def standing_mask(
-    true: NDArray[np.float64], pursuing: NDArray[np.bool_], window: int, still: float
-) -> NDArray[np.bool_]:
+def standing_mask(true: Floats, pursuing: Flags, window: int, still: float) -> Flags:
     """Return when a robot with a goal stood, (samples,).
 
     It stands in a window of `window` samples if it is `pursuing` a goal, (samples,), in all of them, and

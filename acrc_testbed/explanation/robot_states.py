@@ -4,7 +4,6 @@ from collections.abc import Iterable, Iterator, Sequence
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from acrc_testbed.explanation.episodes import (
     ABORTED,
@@ -20,10 +19,10 @@ from acrc_testbed.explanation.episodes import (
 )
 from acrc_testbed.explanation.true_floor import FloorStage, Passages
 from acrc_testbed.run_model.data import RobotReport, RunData
+from actors.array_types import Flags, Floats, Int32s, Int64s
 from actors.floor.grid import OccupancyGrid
 from actors.instant import in_seconds, seconds
 
-Flags = NDArray[np.bool_]
 _RADIUS: Final = 0.177
 """Radius of a TurtleBot 2, m."""
 
@@ -81,7 +80,7 @@ class RobotStates:
             return None
         return goals[number].x, goals[number].y
 
-    def distances_to_goal(self, robot: int) -> NDArray[np.float64]:
+    def distances_to_goal(self, robot: int) -> Floats:
         """Return the true path length to the goal, (steps,), m; beeline without a path; NaN: no goal."""
         found = np.full(len(self.run.true), np.nan)
         here = self.run.true[:, robot, :2]
@@ -94,9 +93,9 @@ class RobotStates:
 
     def pursuits(
         self, robot: int, where: Flags
-    ) -> Iterator[tuple[NDArray[np.int64], tuple[float, float] | None, FloorStage]]:
+    ) -> Iterator[tuple[Int64s, tuple[float, float] | None, FloorStage]]:
         """Yield the steps where a mask is true, grouped by goal and stage of the floor."""
-        points: dict[tuple[tuple[float, float] | None, int], list[NDArray[np.int64]]] = {}
+        points: dict[tuple[tuple[float, float] | None, int], list[Int64s]] = {}
         rows = np.flatnonzero(where)
         pairs = np.column_stack([self.goal[rows, robot], self.stage[rows]])
         kinds, groups = np.unique(pairs, axis=0, return_inverse=True)
@@ -172,14 +171,13 @@ class RobotStates:
         return seconds(lasting_s) // self.run.step_us
 
 
-def localisation_errors(run: RunData) -> NDArray[np.float64]:
+def localisation_errors(run: RunData) -> Floats:
     """Return the localisation errors, (steps, robots), m; NaN: unknown."""
     offset = run.estimated[..., :2] - run.true[..., :2]
-    far: NDArray[np.float64] = np.hypot(offset[..., 0], offset[..., 1])
-    return far
+    return np.hypot(offset[..., 0], offset[..., 1])
 
 
-def _turns(run: RunData) -> NDArray[np.float64]:
+def _turns(run: RunData) -> Floats:
     """Return the change of each heading per step, (steps, robots), rad."""
     turned = np.diff(run.true[..., 2], axis=0, append=run.true[-1:, :, 2])
     return turned - 2 * np.pi * np.rint(turned / (2 * np.pi))
@@ -197,7 +195,7 @@ def estimates_in_walls(run: RunData, grid: OccupancyGrid) -> Flags:
     return in_obstacle
 
 
-def _lost(error: NDArray[np.float64]) -> Flags:
+def _lost(error: Floats) -> Flags:
     is_lost = np.zeros(error.size, np.bool_)
     if np.nanmax(error, initial=0.0) > STANDARD.lost:
         for begin, end in lost_intervals(error):
@@ -220,11 +218,10 @@ def _columns(parts: Iterable[Flags]) -> Flags:
 NO_ROBOT: Final = -1
 _PATH_STEP: Final = 0.1
 """Distance of the examined points of a path, m."""
-Points = NDArray[np.float64]
-Indices = NDArray[np.int32]
+Points = Floats
 
 
-def first_robots_ahead(states: RobotStates, stuck: Flags, passages: Passages) -> Indices:
+def first_robots_ahead(states: RobotStates, stuck: Flags, passages: Passages) -> Int32s:
     """Return the first robot on the path of each stuck robot, (steps, robots); NO_ROBOT: none."""
     found = np.full(stuck.shape, NO_ROBOT, np.int32)
     for robot in range(stuck.shape[1]):
@@ -238,7 +235,7 @@ def first_robots_ahead(states: RobotStates, stuck: Flags, passages: Passages) ->
     return found
 
 
-def nearest_robots_beside(states: RobotStates, stuck: Flags, passages: Passages) -> Indices:
+def nearest_robots_beside(states: RobotStates, stuck: Flags, passages: Passages) -> Int32s:
     """Return the nearest standing robot that a robot cannot pass, (steps, robots); NO_ROBOT: none."""
     found = np.full(stuck.shape, NO_ROBOT, np.int32)
     for robot in range(stuck.shape[1]):
@@ -279,10 +276,10 @@ def _path_start(
 def _first_blocking(
     states: RobotStates,
     robot: int,
-    rows: NDArray[np.int64],
+    rows: Int64s,
     path: Points,
     passages: Passages,
-) -> Indices:
+) -> Int32s:
     """Return the first robot that blocks the path, (rows,); NO_ROBOT: none."""
     there = states.run.true[rows, :, :2]
     gaps = np.hypot(*(there[:, :, None] - path).transpose(3, 0, 1, 2))
@@ -296,6 +293,6 @@ def _first_blocking(
     one, other = np.nonzero(inside)
     inside[one, other] = passages.are_visible(path[along[one, other]], there[one, other])
     order = np.where(inside, along, len(path))
-    first: Indices = order.argmin(axis=1).astype(np.int32)
+    first: Int32s = order.argmin(axis=1).astype(np.int32)
     first[~inside.any(axis=1)] = NO_ROBOT
     return first

@@ -7,7 +7,6 @@ from statistics import median
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from acrc_testbed.explanation.cause_classification import (
     CauseTable,
@@ -30,6 +29,7 @@ from acrc_testbed.recordings.run_recordings import all_recordings
 from acrc_testbed.run_model.data import RobotReport, RunData, RunDataError
 from acrc_testbed.run_model.floor import NO_CHANGES
 from acrc_testbed.run_model.simulated_runs import read_run
+from actors.array_types import Flags, Floats
 from actors.instant import in_seconds
 from actors.robot.behaviour.decisions import AdaptationDecision
 
@@ -79,9 +79,7 @@ def _robot_events(
         )
 
 
-def _outcome(
-    path: NDArray[np.float64], stood: NDArray[np.bool_], decision: AdaptationDecision
-) -> tuple[str, int | None]:
+def _outcome(path: Floats, stood: Flags, decision: AdaptationDecision) -> tuple[str, int | None]:
     """Return the outcome until the next decision, and the number of steps until the robot moved again."""
     moves = np.flatnonzero(~stood)
     free = int(moves[0]) if moves.size else None
@@ -94,7 +92,7 @@ def _outcome(
     return (AGAIN if stood[free:].any() else FREE), free
 
 
-def _standing_steps(stood: NDArray[np.bool_]) -> int:
+def _standing_steps(stood: Flags) -> int:
     """Return the number of steps that the robot has stood at the end."""
     moves = np.flatnonzero(~stood)
     return len(stood) - (int(moves[-1]) + 1 if moves.size else 0)

@@ -6,17 +6,17 @@ from functools import cached_property
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from acrc_testbed.explanation.episodes import STANDARD
 from acrc_testbed.run_model.floor import FloorObject, FloorState
+from actors.array_types import Flags, Floats, Int32s, Int64s
 from actors.floor import raster
 from actors.floor.doors import DoorError, Doorways
 from actors.floor.grid import FREE, OCCUPIED, Cell, OccupancyGrid, largest_region, nearest_cell
 from actors.geometry import Point
 from actors.robot.navigation.potential import STRAIGHT, UNREACHABLE, descent, potential
 
-Points = NDArray[np.float64]
+Points = Floats
 _MAX_CELL: Final = 0.067
 """Maximum edge of a cell of the path grid, m: a third of a robot."""
 _OPEN_COST: Final = 10
@@ -45,10 +45,10 @@ class FloorPaths:
         cells = np.where(self._fits, FREE, OCCUPIED).astype(np.uint8)
         self._grid = OccupancyGrid(cells, grid.resolution * by, grid.origin)
         self._reach = reach
-        self._fields: dict[tuple[float, float], NDArray[np.int32] | None] = {}
+        self._fields: dict[tuple[float, float], Int32s | None] = {}
         self._start_cells: dict[tuple[int, int], Cell | None] = {}
 
-    def lengths(self, points: Points, goal: tuple[float, float]) -> NDArray[np.float64]:
+    def lengths(self, points: Points, goal: tuple[float, float]) -> Floats:
         """Return path lengths from points, (n, 2), m, to the goal, (n,), m; inf without a path."""
         field = self._field(goal)
         if field is None:
@@ -87,10 +87,10 @@ class FloorPaths:
         rows, columns = self.squares(np.linspace(one, other, count).astype(np.float64)).T
         return bool(self._fits[rows, columns].all())
 
-    def squares(self, points: Points) -> NDArray[np.int64]:
+    def squares(self, points: Points) -> Int64s:
         """Return row and column of the cells of points, (n, 2); all points of a cell have one path."""
         corner = np.array([self._grid.origin.x, self._grid.origin.y])
-        cells: NDArray[np.int64] = np.floor((points - corner) / self._grid.resolution).astype(np.int64)
+        cells: Int64s = np.floor((points - corner) / self._grid.resolution).astype(np.int64)
         return cells[:, ::-1]
 
     def _start_cell(self, row: int, column: int) -> Cell | None:
@@ -99,7 +99,7 @@ class FloorPaths:
             self._start_cells[row, column] = nearest_cell(self._grid, self._fits, middle, _MAX_OFFSET)
         return self._start_cells[row, column]
 
-    def _field(self, goal: tuple[float, float]) -> NDArray[np.int32] | None:
+    def _field(self, goal: tuple[float, float]) -> Int32s | None:
         if goal not in self._fields:
             cell = nearest_cell(self._grid, self._fits, Point(*goal), self._reach)
             self._fields[goal] = None if cell is None else potential(self._costs, *cell)
@@ -133,7 +133,7 @@ class Passages:
         cut_off = int(left.sum()) - int(raster.largest_region(left).sum())
         return cut_off * self._grid.resolution**2 >= _MIN_AREA
 
-    def are_at_passage(self, points: NDArray[np.float64], within: float) -> NDArray[np.bool_]:
+    def are_at_passage(self, points: Floats, within: float) -> Flags:
         """Return which of the points, (k, 2), m, are at a neck or at a passage (see `door_distance`), (k,).
 
         Points are rounded to the centres of squares of edge `within` / 2; results are cached.
@@ -143,13 +143,13 @@ class Passages:
         passages = [self._is_passage_square(float(x), float(y), within) for x, y in (squares + 0.5) * side]
         return np.array(passages, np.bool_)[groups.reshape(-1)]
 
-    def are_visible(self, one: NDArray[np.float64], other: NDArray[np.float64]) -> NDArray[np.bool_]:
+    def are_visible(self, one: Floats, other: Floats) -> Flags:
         """Return where no wall is between pairs of points, each (k, 2), m; (k,)."""
         farthest = float(np.hypot(*(other - one).T).max(initial=0.0))
         along = np.linspace(0.0, 1.0, int(farthest / self._grid.resolution) + 2)[:, None, None]
         corner = np.array([self._grid.origin.x, self._grid.origin.y])
         cells = ((one + (other - one) * along - corner) / self._grid.resolution).astype(np.intp)
-        seen: NDArray[np.bool_] = ~self._grid.blocking[cells[..., 1], cells[..., 0]].any(axis=0)
+        seen: Flags = ~self._grid.blocking[cells[..., 1], cells[..., 0]].any(axis=0)
         return seen
 
     def _is_passage_square(self, x: float, y: float, within: float) -> bool:
@@ -187,16 +187,13 @@ class Passages:
     def _is_floor(self, point: Point) -> bool:
         return self._grid.contains(point) and bool(self._floor[self._grid.cell(point)])
 
-    def _occupied(self, point: Point, around: tuple[slice, slice] = np.s_[:, :]) -> NDArray[np.bool_]:
+    def _occupied(self, point: Point, around: tuple[slice, slice] = np.s_[:, :]) -> Flags:
         """Return where the centre of another robot cannot be, in a part of the map."""
         x, y = self._centres
-        occupied: NDArray[np.bool_] = (x[around[1]] - point.x) ** 2 + (y[around[0], None] - point.y) ** 2 < (
-            2 * self._radius
-        ) ** 2
-        return occupied
+        return (x[around[1]] - point.x) ** 2 + (y[around[0], None] - point.y) ** 2 < (2 * self._radius) ** 2
 
 
-def _neck_cells(grid: OccupancyGrid, floor: NDArray[np.bool_], width: float) -> NDArray[np.bool_]:
+def _neck_cells(grid: OccupancyGrid, floor: Flags, width: float) -> Flags:
     """Return the floor narrower than `width`, m, whose removal disconnects rooms, (rows, columns)."""
     roomy = raster.squared_distance(grid.clearance >= width / 2) * grid.resolution**2 < (width / 2) ** 2
     rest, necks = floor & ~roomy, np.zeros_like(floor)
@@ -219,7 +216,7 @@ class FloorStage:
     """Paths on the floor as it is."""
     opened: FloorPaths
     """Paths if all doors were open."""
-    leaves: NDArray[np.float64]
+    leaves: Floats
     """(n, 2): centres of the cells of closed doors, m."""
 
 
@@ -265,7 +262,7 @@ class TrueFloor:
         x, y = self.grid.centres()
         return FloorStage(begin, paths, opened, np.column_stack([x[columns], y[rows]]))
 
-    def _door_cells(self, door: FloorObject) -> NDArray[np.bool_]:
+    def _door_cells(self, door: FloorObject) -> Flags:
         """Return the cells of a closed door, (rows, columns); none if the map has no door there."""
         (x, y), (to_x, to_y) = door.points
         try:
@@ -277,7 +274,7 @@ class TrueFloor:
     def _doorways(self) -> Doorways:
         return Doorways(self.grid, self._radius)
 
-    def _paths(self, occupied: NDArray[np.bool_]) -> FloorPaths:
+    def _paths(self, occupied: Flags) -> FloorPaths:
         key = occupied.tobytes()
         if key not in self._path_cache:
             cells = np.where(occupied, np.uint8(OCCUPIED), self.grid.cells)
@@ -289,12 +286,11 @@ class TrueFloor:
     def _path_cache(self) -> dict[bytes, FloorPaths]:
         return {}
 
-    def _distances_from(self, object_: FloorObject) -> NDArray[np.float64]:
+    def _distances_from(self, object_: FloorObject) -> Floats:
         """Return the distances of cells from a line or a point, (rows, columns), m."""
         columns, rows = self.grid.centres()
         (x, y), (to_x, to_y) = object_.points[0], object_.points[-1]
         dx, dy = to_x - x, to_y - y
         across, up = columns[None, :] - x, rows[:, None] - y
         share = np.clip((across * dx + up * dy) / max(dx * dx + dy * dy, 1e-12), 0.0, 1.0)
-        distances: NDArray[np.float64] = np.hypot(across - share * dx, up - share * dy)
-        return distances
+        return np.hypot(across - share * dx, up - share * dy)

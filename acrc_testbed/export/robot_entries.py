@@ -29,6 +29,7 @@ from acrc_testbed.run_model.floor import FloorObject
 from acrc_testbed.run_model.recording_readers import messages_on
 from acrc_testbed.run_model.robot_introspection import PointSets, RecordedProcess, RobotInternals
 from acrc_testbed.run_model.task_state import ItemState, ItemTable
+from actors.array_types import Floats, Octets, Singles
 from actors.floor.grid import FREE, OCCUPIED, OccupancyGrid
 from actors.geometry import Pose
 from actors.instant import LATEST
@@ -129,7 +130,7 @@ def _estimate_at(track: Trajectory, second: float) -> Pose | None:
     return Pose(*track.estimated[at].tolist())
 
 
-def _ranges(scan: Scan) -> NDArray[np.float32]:
+def _ranges(scan: Scan) -> Singles:
     """Return the ranges, (rays,), m; inf: no echo (REP 117)."""
     millimetres = np.frombuffer(scan.ranges_mm, "<u2")
     return np.where(millimetres == NO_ECHO_MM, np.inf, millimetres / 1000.0).astype(np.float32)
@@ -146,7 +147,7 @@ def internal_entries(robot: RobotInternals) -> Iterator[LogEntry]:
     )
 
 
-def _ascending_instants(seconds: Sequence[float] | NDArray[np.float64]) -> list[int]:
+def _ascending_instants(seconds: Sequence[float] | Floats) -> list[int]:
     """Return instants of the run in µs, in ascending order."""
     found: list[float] = (np.maximum.accumulate(np.asarray(seconds, np.float64)) * 1e6).tolist()
     return [round(one) for one in found]
@@ -180,7 +181,7 @@ def _activity_entries(robot: RobotInternals) -> Iterator[LogEntry]:
         before = one.point
 
 
-def occupancy(costs: NDArray[np.uint8]) -> NDArray[np.int8]:
+def occupancy(costs: Octets) -> NDArray[np.int8]:
     """Convert costs to values of nav_msgs/OccupancyGrid, as costmap_2d_ros does.
 
     100: lethal; 99: within the inscribed radius; 1 to 98: inflated; -1: unknown.
@@ -188,8 +189,7 @@ def occupancy(costs: NDArray[np.uint8]) -> NDArray[np.int8]:
     found = np.zeros(256, np.int8)
     found[1:_INSCRIBED] = 1 + 97 * (np.arange(1, _INSCRIBED) - 1) // (_INSCRIBED - 2)
     found[_INSCRIBED], found[_LETHAL], found[255] = 99, 100, UNKNOWN_CELL
-    values: NDArray[np.int8] = found[costs]
-    return values
+    return found[costs]
 
 
 def static_frames(models: Mapping[str, RobotModel]) -> LogEntry:

@@ -16,12 +16,13 @@ from mcap.writer import CompressionType, Writer
 from numpy.typing import NDArray
 from rosbags.typesys import Stores, get_typestore
 
+from actors.array_types import Singles
 from actors.geometry import Pose
 from actors.observer.glyphs import Colour
 from actors.portable import cos_sin
 from actors.robot_model import RangeSensor
 
-Points = NDArray[np.float32]
+Points = Singles
 """(n, 2): x and y, m."""
 MAP: Final = "map"
 """Frame of the floor plan."""
@@ -146,7 +147,7 @@ def twist(vx: float, vy: float, omega: float) -> Any:
     return _new("geometry_msgs/Twist", linear=_vector(vx, vy), angular=_vector(0.0, 0.0, omega))
 
 
-def laser_scan(frame: str, sensor: RangeSensor, ranges: NDArray[np.float32], stamp: int) -> Any:
+def laser_scan(frame: str, sensor: RangeSensor, ranges: Singles, stamp: int) -> Any:
     """Return a LaserScan of (rays,) ranges, m, counter-clockwise; inf: no echo within range (REP 117)."""
     return _new(
         "sensor_msgs/LaserScan", header=_header(frame, stamp), angle_min=sensor.first_angle,

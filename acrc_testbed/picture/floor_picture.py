@@ -9,7 +9,6 @@ from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.colors import to_rgb
 from matplotlib.patches import Circle
-from numpy.typing import NDArray
 
 from acrc_testbed.explanation.time_accounting import CauseInterval
 from acrc_testbed.explanation.time_spent import BY_ROBOTS, Cause
@@ -17,6 +16,7 @@ from acrc_testbed.picture import marks, style
 from acrc_testbed.picture.marks import PointLabel
 from acrc_testbed.run_model.data import RunData
 from acrc_testbed.run_model.floor import floor_intervals
+from actors.array_types import Flags, Floats
 from actors.floor.doors import Doorways, Regions
 from actors.floor.grid import FREE, OCCUPIED, UNKNOWN, OccupancyGrid
 from actors.items import ItemKey
@@ -48,12 +48,12 @@ def draw_floor(axes: Axes, grid: OccupancyGrid) -> None:
     axes.set(xlabel="m", ylabel="m")
 
 
-def _draw_cells(axes: Axes, grid: OccupancyGrid, image: NDArray[np.float64], zorder: float) -> None:
+def _draw_cells(axes: Axes, grid: OccupancyGrid, image: Floats, zorder: float) -> None:
     extent = (grid.origin.x, grid.corner.x, grid.origin.y, grid.corner.y)
     axes.imshow(image, extent=extent, origin="lower", interpolation="nearest", zorder=zorder)
 
 
-def draw_regions(axes: Axes, grid: OccupancyGrid, regions: Regions, reachable: NDArray[np.bool_]) -> bool:
+def draw_regions(axes: Axes, grid: OccupancyGrid, regions: Regions, reachable: Flags) -> bool:
     """Draw doors and unreachable free floor; return True if there is unreachable floor."""
     tint = np.zeros((grid.rows, grid.columns, 4))
     unreachable = (regions.labels > 0) & ~reachable
@@ -166,14 +166,14 @@ def _draw_trail(axes: Axes, run: RunData, index: int, *, few: bool) -> set[str]:
     return {"carried"} if jumps.size else set()
 
 
-def _draw_person(axes: Axes, path: NDArray[np.float64]) -> None:
+def _draw_person(axes: Axes, path: Floats) -> None:
     """Draw a person's path, (steps, 2), m, and final position."""
     colour = marks.colour_of(MARKS["person"])
     axes.plot(*path.T, color=colour, lw=0.4, alpha=0.5, zorder=1.5)
     axes.add_patch(person(path[-1]))
 
 
-def person(at: NDArray[np.float64]) -> Circle:
+def person(at: Floats) -> Circle:
     """Return the disc of a person at a point, (2,), m."""
     colour = marks.colour_of(MARKS["person"])
     x, y = at.tolist()

@@ -12,10 +12,10 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Circle, Patch
 from matplotlib.transforms import Bbox
-from numpy.typing import NDArray
 
 from acrc_testbed.picture import style
 from acrc_testbed.run_model.floor import FloorInterval, FloorObject
+from actors.array_types import Floats
 from actors.observer.glyphs import MARKS, Mark, hexadecimal
 
 _DIRECTIONS: Final = ((1, 1), (-1, 1), (1, -1), (-1, -1), (1, 0), (-1, 0), (0, 1), (0, -1))
@@ -63,9 +63,7 @@ def place_labels(axes: Axes, labels: Sequence[PointLabel], taken: Iterable[tuple
     return len(labels) - len(boxes)
 
 
-def _place_label(
-    axes: Axes, label: PointLabel, boxes: Sequence[Bbox], covered: NDArray[np.float64]
-) -> Bbox | None:
+def _place_label(axes: Axes, label: PointLabel, boxes: Sequence[Bbox], covered: Floats) -> Bbox | None:
     """Write a label and return its box, pixels; None if there is no room."""
     text = axes.annotate(
         label.words, (label.x, label.y), xytext=(0, 0), textcoords="offset points", color=label.colour,
@@ -101,7 +99,7 @@ def _place_label(
     return text_box.translated(dx * pixels, dy * pixels)
 
 
-def _count_inside(box: Bbox, points: NDArray[np.float64]) -> int:
+def _count_inside(box: Bbox, points: Floats) -> int:
     """Count the points in a box."""
     x, y = points.T
     return int(((box.x0 <= x) & (x <= box.x1) & (box.y0 <= y) & (y <= box.y1)).sum())

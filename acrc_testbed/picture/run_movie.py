@@ -18,14 +18,13 @@ from matplotlib.colors import to_rgb
 from matplotlib.lines import Line2D
 from matplotlib.patches import Circle
 from matplotlib.text import Text
-from numpy.typing import NDArray
 from PIL import Image
 
 from acrc_testbed.picture import floor_picture, marks, run_page, style
 from acrc_testbed.picture.floor_picture import ItemGlyph
 from acrc_testbed.run_model.data import RunData
 from acrc_testbed.run_model.floor import floor_intervals
-from acrc_testbed.run_model.robot_introspection import Floats
+from actors.array_types import Floats, Octets
 from actors.installation.usage import output_file
 from actors.instant import in_seconds
 from actors.items import ItemKey
@@ -41,7 +40,7 @@ _TRAIL_S: Final = 20.0
 _DPI: Final = 80
 _GIF: Final = ".gif"
 _MP4: Final = ".mp4"
-Pixels = NDArray[np.uint8]
+Pixels = Octets
 """(height, width, 3)."""
 
 

@@ -12,13 +12,13 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 from matplotlib.ticker import MaxNLocator
-from numpy.typing import NDArray
 
 from acrc_testbed.explanation.time_accounting import CauseInterval, cause_intervals
 from acrc_testbed.explanation.time_spent import Cause
 from acrc_testbed.picture import floor_picture, marks, style
 from acrc_testbed.picture.floor_picture import DrawnRun
 from acrc_testbed.run_model.data import RunData, ordered_changes
+from actors.array_types import Floats
 from actors.instant import in_seconds
 from actors.items import ItemKey
 from actors.messages import TaskEvent
@@ -276,7 +276,7 @@ def write_several(runs: Sequence[RunData], path: Path) -> None:
         style.save(draw_several(runs), path)
 
 
-def _view(run: RunData) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def _view(run: RunData) -> tuple[Floats, Floats]:
     """Return the south-west and north-east corners of the part of the floor to show, m, each (2,)."""
     items = [(one.mark.x, one.mark.y) for one in floor_picture.shown_items(run)]
     points = np.concatenate([run.true[..., :2].reshape(-1, 2), np.array(items).reshape(-1, 2)])

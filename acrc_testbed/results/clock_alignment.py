@@ -20,6 +20,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from actors.array_types import Floats, Int64s
+
 
 class StampKind(IntEnum):
     """Event of a frame that a stamp dates."""
@@ -51,9 +53,9 @@ class StampedFrame(NamedTuple):
 class StampPairs(NamedTuple):
     """Pairs of stamps of one frame, as arrays."""
 
-    first: NDArray[np.int64]
+    first: Int64s
     """(n, 4): clock, instant in µs, kind, frame number."""
-    second: NDArray[np.int64]
+    second: Int64s
     weight: NDArray[np.float64]
     """2 / number of the frame's stamps: n stamps have n - 1 independent pairs."""
 
@@ -96,7 +98,7 @@ class ClockNode(NamedTuple):
     """Approximate offset against the root, µs: sum of medians along the path."""
 
 
-def spanning_trees(clocks: int, first: NDArray[np.int64], second: NDArray[np.int64]) -> tuple[ClockNode, ...]:
+def spanning_trees(clocks: int, first: Int64s, second: Int64s) -> tuple[ClockNode, ...]:
     """Connect all clocks that share frames by a maximum spanning tree (Prim's algorithm).
 
     `first` and `second`: (n, 2), clock and instant in µs, of the same n frames.
@@ -124,7 +126,6 @@ def spanning_trees(clocks: int, first: NDArray[np.int64], second: NDArray[np.int
     return tuple(trees[clock] for clock in range(clocks))
 
 
-Floats = NDArray[np.float64]
 _HUBER = 1.345
 """Standard deviations above which a residual has less weight; 95 % efficient (Huber 1981)."""
 _MAD = 1.4826
@@ -165,13 +166,11 @@ class Solution(NamedTuple):
     """Covariance of the estimate: the larger of the noise-based and the sandwich estimate."""
     noise: float
     """Standard deviation of the residuals."""
-    blocks: NDArray[np.int64]
+    blocks: Int64s
     """Cluster of each pair."""
 
 
-def solve(
-    pairs: StampPairs, trees: Sequence[ClockNode], origins: NDArray[np.int64], p: AlignmentParameters
-) -> Solution:
+def solve(pairs: StampPairs, trees: Sequence[ClockNode], origins: Int64s, p: AlignmentParameters) -> Solution:
     """Estimate all unknowns together; stops when no estimate changes by 1 ns."""
     clocks, count = len(trees), len(pairs.weight)
     ahead = np.array([tree.ahead for tree in trees], dtype=np.int64)
@@ -184,7 +183,7 @@ def solve(
         full_design[rows[lagging], 2 * clocks + kind[lagging] - 1] += sign
         coarse.append(instant - ahead[clock])
     target: Floats = (coarse[0] - coarse[1]).astype(np.float64)
-    blocks: NDArray[np.int64] = coarse[1] // p.block_us
+    blocks: Int64s = coarse[1] // p.block_us
     fixed = np.repeat([tree.parent is None for tree in trees], 2)
     free = np.concatenate((np.flatnonzero(~fixed), [2 * clocks, 2 * clocks + 1]))
     design = full_design[:, free]
@@ -328,7 +327,7 @@ def align(frames: Sequence[StampedFrame], clocks: int, parameters: AlignmentPara
     return Alignment(tuple(fits), noise)
 
 
-def _origins(clocks: int, pairs: StampPairs) -> NDArray[np.int64]:
+def _origins(clocks: int, pairs: StampPairs) -> Int64s:
     """Return the middle of each clock's stamps, by that clock."""
     both = np.concatenate((pairs.first, pairs.second))
     origins = np.zeros(clocks, dtype=np.int64)
@@ -340,7 +339,7 @@ def _origins(clocks: int, pairs: StampPairs) -> NDArray[np.int64]:
 
 
 def _limits(
-    frames: Sequence[StampedFrame], trees: Sequence[ClockNode], origins: NDArray[np.int64], estimate: Floats
+    frames: Sequence[StampedFrame], trees: Sequence[ClockNode], origins: Int64s, estimate: Floats
 ) -> list[float]:
     """Return the causal limit of each clock's shift, µs: shortest paths over the least frame delays."""
     clocks = len(trees)

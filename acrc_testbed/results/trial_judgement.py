@@ -7,10 +7,10 @@ from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 import msgspec
 import numpy as np
-from numpy.typing import NDArray
 
 from acrc_testbed.results.clocks import AlignedClocks
 from acrc_testbed.results.field_recordings import FieldTrial, FieldTrialError, Moment, RobotLog
+from actors.array_types import Floats
 from actors.instant import Duration, Instant, seconds
 from actors.items import ItemGivenUp, ItemKey, TaskLimits, task_reports_fault
 from actors.messages import Drive, TaskChanged
@@ -183,7 +183,7 @@ def _running_at_end(trial: FieldTrial, clocks: AlignedClocks) -> tuple[str, ...]
 
 def _true_positions(
     truth: "LaboratoryResult", clocks: AlignedClocks, robots: Sequence[str]
-) -> Iterator[tuple[Instant, NDArray[np.float64]]]:
+) -> Iterator[tuple[Instant, Floats]]:
     """Yield instants since the start of the trial, and the true positions of its robots, (n, 2) m.
 
     Devices are emulated on the robots' machine, so they share the reference robot's clock. Raises

@@ -17,7 +17,8 @@ from acrc_testbed.recordings.run_recordings import RecordedOrder
 from acrc_testbed.results.result import RunResult
 from acrc_testbed.run_model.floor import FloorState
 from acrc_testbed.run_model.frame_outcomes import NO_COPIES, FrameCopies
-from acrc_testbed.run_model.robot_introspection import Floats, RecordedProcess, RobotInternals
+from acrc_testbed.run_model.robot_introspection import RecordedProcess, RobotInternals
+from actors.array_types import Flags, Floats, Int64s
 from actors.floor.grid import OccupancyGrid
 from actors.instant import in_seconds
 from actors.items import ItemKey
@@ -174,11 +175,11 @@ class RunData:
     true: Floats
     estimated: Floats
     commanded: Floats
-    powered: NDArray[np.bool_]
-    stepping: NDArray[np.bool_]
-    items_left: NDArray[np.int64]
-    frames_sent: NDArray[np.int64]
-    frames_heard: NDArray[np.int64]
+    powered: Flags
+    stepping: Flags
+    items_left: Int64s
+    frames_sent: Int64s
+    frames_heard: Int64s
     charge: Floats
     people: Floats = field(default_factory=lambda: np.zeros((0, 0, 4)))
     """(steps, people, 4): true x, y, m, and vx, vy, m/s, of each person, map frame."""
@@ -239,12 +240,12 @@ class RunData:
         return self.description.step_us
 
     @property
-    def busy(self) -> NDArray[np.bool_]:
+    def busy(self) -> Flags:
         """(steps, robots): False once a robot has no items left."""
         return self.items_left > 0
 
     @property
-    def frozen(self) -> NDArray[np.bool_]:
+    def frozen(self) -> Flags:
         """(steps, robots): the process is alive, but does not step."""
         return self.powered & ~self.stepping
 

@@ -3,16 +3,13 @@
 from collections.abc import Iterator, Sequence
 from typing import Final, NamedTuple
 
-import numpy as np
-from numpy.typing import NDArray
-
+from actors.array_types import Flags
 from actors.floor.doors import Doorways
 from actors.floor.grid import OccupancyGrid
 from actors.instant import in_seconds
 from actors.messages import FloorChanged, Jam, UnmappedObstacle
 from actors.orders import CloseDoor, Obstacle, OpenDoor, Wall
 
-Cells = NDArray[np.bool_]
 FLOOR_ORDERS: Final = (CloseDoor, OpenDoor, Obstacle, Wall)
 """Orders that change the floor."""
 NO_CHANGES: Final = "obstacles, walls and closed doors were not recorded: an older version recorded the world"
@@ -38,7 +35,7 @@ FloorState = tuple[FloorObject, ...]
 """All objects on the floor that are not on the map, oldest first."""
 
 
-def door_cells(grid: OccupancyGrid, radius: float) -> Cells | None:
+def door_cells(grid: OccupancyGrid, radius: float) -> Flags | None:
     """Return the mask of door cells, (rows, columns), for robots of a radius, m; None without a radius."""
     if not radius:
         return None

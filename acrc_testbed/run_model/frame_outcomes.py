@@ -5,8 +5,8 @@ from collections.abc import Iterable, Iterator, Sequence
 from typing import Final, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from actors.array_types import Flags, Floats, Int64s, Records
 from actors.messages import TOO_WEAK, FrameOutcome, FrameOutcomes
 from actors.radio.medium.state import Outcome
 from actors.runtime.errors import AcrcError
@@ -22,7 +22,7 @@ class FrameOutcomesError(AcrcError):
     """Invalid outcomes of frames."""
 
 
-def listed_copies(frame: FrameOutcome, robots: int) -> NDArray[np.void]:
+def listed_copies(frame: FrameOutcome, robots: int) -> Records:
     """Return the listed copies of a frame: receiver number, outcome, and strength, 0.1 dBm.
 
     Raises FrameOutcomesError for invalid bytes.
@@ -42,14 +42,14 @@ def listed_copies(frame: FrameOutcome, robots: int) -> NDArray[np.void]:
 class FrameCopies(NamedTuple):
     """Copies of frames, by end of the frame; (n,) each."""
 
-    seconds: NDArray[np.float64]
-    senders: NDArray[np.int64]
+    seconds: Floats
+    senders: Int64s
     """Indices of robots."""
-    receivers: NDArray[np.int64]
-    outcomes: NDArray[np.int64]
+    receivers: Int64s
+    outcomes: Int64s
     """Values of `Outcome`."""
 
-    def select(self, which: NDArray[np.bool_]) -> "FrameCopies":
+    def select(self, which: Flags) -> "FrameCopies":
         """Return the copies selected by a mask, (n,)."""
         return FrameCopies(
             self.seconds[which], self.senders[which], self.receivers[which], self.outcomes[which]
@@ -81,7 +81,7 @@ def concatenate_copies(parts: Sequence[FrameCopies]) -> FrameCopies:
     return FrameCopies(*map(np.concatenate, zip(*parts, strict=True)))
 
 
-def outcome_rates(copies: FrameCopies, begin: float, bins: int, bin_s: float) -> NDArray[np.float64]:
+def outcome_rates(copies: FrameCopies, begin: float, bins: int, bin_s: float) -> Floats:
     """Return copies per second by outcome, (bins, outcomes), from `begin`, s; the last bin counts all later
     copies, too."""
     table = np.zeros((bins, len(Outcome)))

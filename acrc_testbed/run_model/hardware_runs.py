@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import Final, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from acrc_testbed.recordings.run_recordings import read_run_note, recordings
 from acrc_testbed.recordings.topics import recorded_span
@@ -16,8 +15,9 @@ from acrc_testbed.results.field_recordings import FieldTrial, Moment, RobotLog, 
 from acrc_testbed.results.trial_judgement import judge_if_loadable
 from acrc_testbed.run_model.data import RunData, RunDescription
 from acrc_testbed.run_model.model import RunModel, convert_instants
-from acrc_testbed.run_model.robot_introspection import Floats, RecordedProcess, RobotInternals, process_model
+from acrc_testbed.run_model.robot_introspection import RecordedProcess, RobotInternals, process_model
 from acrc_testbed.run_model.simulated_runs import recorded_run
+from actors.array_types import Floats, Int64s
 from actors.floor.grid import FREE, OccupancyGrid
 from actors.floor.map_file import load_map
 from actors.geometry import Point
@@ -106,7 +106,7 @@ class _TrialClock:
         self.ticks: Floats = np.array(aligned, np.float64) / 1e6
         self._shift = self.ticks - self._own / 1e6
 
-    def seconds(self, instants: NDArray[np.int64]) -> Floats:
+    def seconds(self, instants: Int64s) -> Floats:
         """Convert instants, interpolating linearly between steps."""
         if not len(self._own):
             return np.zeros(len(instants))

@@ -7,10 +7,10 @@ from typing import Final, NamedTuple
 
 import msgspec
 import numpy as np
-from numpy.typing import NDArray
 
 from acrc_testbed.recordings.run_recordings import decode_setup as first_record
 from actors import geometry
+from actors.array_types import Floats, Int64s, Octets, Singles
 from actors.instant import LATEST, Instant
 from actors.introspection import (
     CostWindow,
@@ -33,10 +33,8 @@ from actors.runtime.process import RunNote
 from actors.runtime.process_setup import RecordDetail, resolve_model
 from actors.topic import Message
 
-Floats = NDArray[np.float64]
-Clock = Callable[[NDArray[np.int64]], Floats]
+Clock = Callable[[Int64s], Floats]
 """Conversion of a process's instants, µs, to seconds of the run."""
-Singles = NDArray[np.float32]
 Pose = tuple[float, float, float]
 _NO_COSTS: Final = np.zeros((0, 1, 1), np.uint8)
 _MAX_FIELDS: Final = 1000
@@ -52,10 +50,9 @@ class RecordedProcess(NamedTuple):
     clock: Clock
 
 
-def seconds_of(instants: NDArray[np.int64]) -> Floats:
+def seconds_of(instants: Int64s) -> Floats:
     """Convert simulated instants, µs, to s: the clock of simulated processes."""
-    seconds: Floats = instants / 1e6
-    return seconds
+    return instants / 1e6
 
 
 class IntrospectionError(AcrcError):
@@ -88,7 +85,7 @@ class PointSets(NamedTuple):
 
     seconds: Floats
     """(n,)"""
-    counts: NDArray[np.int64]
+    counts: Int64s
     """(n,): points in each set."""
     points: Singles
     """(sum of counts, 2): x, y, m, map frame."""
@@ -151,7 +148,7 @@ class CostWindows:
 
     seconds: Floats
     """(c,)"""
-    costs: NDArray[np.uint8]
+    costs: Octets
     """(c, rows, columns), southernmost row first; costs as in costmap_2d."""
     corners: Floats
     """(c, 3): pose of the south-west corner: x, y, m, heading, rad, map frame."""
@@ -292,7 +289,7 @@ class ProcessModel:
         self._values[field] = change.after
         return msgspec.structs.replace(change, before=before)
 
-    def costs(self, window: CostWindow) -> NDArray[np.uint8]:
+    def costs(self, window: CostWindow) -> Octets:
         """Return all costs of a window, (rows, columns). Raises ValueError for a wrong size."""
         side, cells = self._local.side, np.frombuffer(window.marked, cell_type(self._local.side))
         if window.side != side or (len(cells) and cells.max() >= side * side):
@@ -343,7 +340,7 @@ class _PartBuilder:
         self._scans: list[tuple[float, Singles]] = []
         self._particles: list[tuple[float, Singles]] = []
         self._plans: list[tuple[float, Singles]] = []
-        self._windows: list[tuple[float, NDArray[np.uint8], Pose]] = []
+        self._windows: list[tuple[float, Octets, Pose]] = []
         self._activities: list[ActivityChange] = []
         self._knowledge: list[tuple[float, tuple[tuple[str, str], ...]]] = []
         self._contacts: list[ReplicaChange] = []

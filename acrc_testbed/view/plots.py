@@ -13,8 +13,8 @@ from acrc_testbed.run_model.frame_outcomes import (
     outcome_name,
     outcome_rates,
 )
-from acrc_testbed.run_model.robot_introspection import Floats
 from acrc_testbed.run_model.task_state import FirstEvents
+from actors.array_types import Floats
 from actors.instant import in_seconds
 from actors.messages import TaskEvent
 from actors.observer import panels

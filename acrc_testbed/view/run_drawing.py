@@ -15,12 +15,12 @@ from acrc_testbed.run_model.recording_readers import NO_FRAMES
 from acrc_testbed.run_model.robot_introspection import (
     NOT_RECORDED,
     ActivityChange,
-    Floats,
     RobotInternals,
     StepCommit,
 )
 from acrc_testbed.run_model.task_state import ItemTable
 from acrc_testbed.view.plots import Plots, PositionHistory, RobotLane, RunEventTexts
+from actors.array_types import Floats
 from actors.installation.usage import wrong_value
 from actors.introspection import DecisionRecord
 from actors.observer import floor_drawing, layout, panels, robots

@@ -5,8 +5,8 @@ from functools import cached_property
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from actors.array_types import Flags, Floats, Int32s, Int64s
 from actors.floor import raster
 from actors.floor.grid import Cell, OccupancyGrid, nearest_cell, passable
 from actors.floor.raster import squared_distance
@@ -24,7 +24,7 @@ middle."""
 class Regions:
     """Partition of a floor into regions and doors."""
 
-    labels: NDArray[np.int32]
+    labels: Int32s
     """(rows, columns): 0 where the robot's centre cannot be, 1 to `count` for regions, `count` + 1 + index
     for doors."""
     count: int
@@ -33,9 +33,7 @@ class Regions:
     """Doors in the order of their southernmost, then westernmost cells."""
 
 
-def regions(
-    grid: OccupancyGrid, passable: NDArray[np.bool_], clearance: NDArray[np.float64], room: float = ROOM
-) -> Regions:
+def regions(grid: OccupancyGrid, passable: Flags, clearance: Floats, room: float = ROOM) -> Regions:
     """Return regions and doors of the `passable` cells, (rows, columns), with their `clearance`, m.
 
     An isolated narrow area is a region, too.
@@ -64,7 +62,7 @@ def regions(
     return Regions(numbered, count, tuple(doors))
 
 
-def adjacent_labels(labels: NDArray[np.int32], cells: NDArray[np.bool_]) -> tuple[int, ...]:
+def adjacent_labels(labels: Int32s, cells: Flags) -> tuple[int, ...]:
     """Return the labels of regions and doors adjacent to these cells, ascending."""
     beside = np.zeros_like(cells)
     beside[1:] |= cells[:-1]
@@ -111,7 +109,7 @@ class Doorways:
             raise DoorError(f"({point.x:g}, {point.y:g}) is not at a door; {has}")
         return parts.doors[int(parts.labels[cell]) - parts.count - 1]
 
-    def closed_cells(self, door: Door) -> NDArray[np.bool_]:
+    def closed_cells(self, door: Door) -> Flags:
         """Return the cells that the closed door fills, (rows, columns). Raises DoorError.
 
         They are connected by their edges, so they block robots and rays.
@@ -126,7 +124,7 @@ class Doorways:
         x, y = door.middle
         raise DoorError(f"the door at ({x:.2f}, {y:.2f}) cannot be closed by a straight line")
 
-    def ends_of(self, closed_cells: NDArray[np.bool_]) -> tuple[Point, Point]:
+    def ends_of(self, closed_cells: Flags) -> tuple[Point, Point]:
         """Return the ends of a closed door, m: its two cells farthest from each other."""
         rows, columns = np.nonzero(closed_cells)
         gaps = arrays.hypot((rows[:, None] - rows).astype(float), (columns[:, None] - columns).astype(float))
@@ -134,7 +132,7 @@ class Doorways:
         one, other = (self._grid.centre(Cell(int(rows[end]), int(columns[end]))) for end in ends)
         return one, other
 
-    def _lines(self, inside: NDArray[np.bool_]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    def _lines(self, inside: Flags) -> tuple[Int64s, Int64s]:
         """Return row and column of both ends of all lines through the door's cells, (n, 2) each."""
         cells = np.argwhere(inside)
         room = self._grid.clearance[inside] / self._grid.resolution
@@ -148,7 +146,7 @@ class Doorways:
             ends.append(end[straight])
         return np.concatenate(begins), np.concatenate(ends)
 
-    def _first_blocking(self, cells: NDArray[np.int64], along: NDArray[np.float64]) -> NDArray[np.int64]:
+    def _first_blocking(self, cells: Int64s, along: Floats) -> Int64s:
         """Return the first blocking cell from each cell in a direction; the last one otherwise."""
         blocking = np.pad(self._grid.blocking, 1, constant_values=True)
         shape = np.array(self._grid.cells.shape)
@@ -159,7 +157,7 @@ class Doorways:
             active &= ~blocking[last[:, 0] + 1, last[:, 1] + 1]
         return last
 
-    def _cells_on_line(self, begin: NDArray[np.int64], end: NDArray[np.int64]) -> NDArray[np.bool_]:
+    def _cells_on_line(self, begin: Int64s, end: Int64s) -> Flags:
         """Return the free cells on a line; at a diagonal step, one of the cells beside, too."""
         count = int(np.abs(end - begin).max()) * _SAMPLES + 1
         line = np.floor(np.linspace(begin, end, count) + 0.5).astype(np.int64)
@@ -170,7 +168,7 @@ class Doorways:
         filled[rows[on_map], columns[on_map]] = True
         return filled & self._grid.free
 
-    def _separates(self, rest: NDArray[np.bool_], door: Door) -> bool:
+    def _separates(self, rest: Flags, door: Door) -> bool:
         """Return whether the rest of a door's cells no longer connects all its regions."""
         rows, columns = np.nonzero(rest)
         if not rows.size:

@@ -11,6 +11,7 @@ from weakref import WeakValueDictionary
 import numpy as np
 from numpy.typing import NDArray
 
+from actors.array_types import Flags, Floats, Indices, Octets
 from actors.floor import raster
 from actors.geometry import Point
 from deeco.knowledge import new_tuple
@@ -57,7 +58,7 @@ class OccupancyGrid:
     block, and so does everything outside.
     """
 
-    cells: NDArray[np.uint8]
+    cells: Octets
     """(rows, columns) of FREE, UNKNOWN, OCCUPIED; row 0 is the southernmost. A read-only copy."""
     resolution: float
     """Side of a cell, m."""
@@ -89,17 +90,17 @@ class OccupancyGrid:
         )
 
     @property
-    def free(self) -> NDArray[np.bool_]:
+    def free(self) -> Flags:
         """Which cells are free, (rows, columns)."""
         return np.equal(self.cells, FREE)
 
     @property
-    def blocking(self) -> NDArray[np.bool_]:
+    def blocking(self) -> Flags:
         """Which cells are occupied or unknown, (rows, columns)."""
         return np.not_equal(self.cells, FREE)
 
     @cached_property
-    def clearance(self) -> NDArray[np.float64]:
+    def clearance(self) -> Floats:
         """`raster.clearance` of this grid, read-only, computed once."""
         clearance = raster.clearance(self.blocking, self.resolution)
         clearance.setflags(write=False)
@@ -128,7 +129,7 @@ class OccupancyGrid:
             self.origin.y + (cell.row + 0.5) * self.resolution,
         )
 
-    def centres(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    def centres(self) -> tuple[Floats, Floats]:
         """Return the x of all columns' centres, (columns,), and the y of all rows' centres, (rows,), m."""
         x = self.origin.x + (np.arange(self.columns, dtype=np.float64) + 0.5) * self.resolution
         y = self.origin.y + (np.arange(self.rows, dtype=np.float64) + 0.5) * self.resolution
@@ -161,7 +162,7 @@ class OccupancyGrid:
         return (point.x - self.origin.x) / self.resolution, (point.y - self.origin.y) / self.resolution
 
 
-def reachable(grid: OccupancyGrid, start: Point, clearance: float = 0.0) -> NDArray[np.bool_]:
+def reachable(grid: OccupancyGrid, start: Point, clearance: float = 0.0) -> Flags:
     """Return the free cells, (rows, columns), that a disc of radius `clearance`, m, can reach from `start`.
 
     It moves east, north, west and south over cells whose centre is at least `clearance` from blocking points.
@@ -172,12 +173,12 @@ def reachable(grid: OccupancyGrid, start: Point, clearance: float = 0.0) -> NDAr
     return raster.flood(passable(grid, clearance), *grid.cell(start))
 
 
-def largest_region(grid: OccupancyGrid, clearance: float = 0.0) -> NDArray[np.bool_]:
+def largest_region(grid: OccupancyGrid, clearance: float = 0.0) -> Flags:
     """Return the largest set of cells that `reachable` returns for any start, (rows, columns)."""
     return raster.largest_region(passable(grid, clearance))
 
 
-def passable(grid: OccupancyGrid, clearance: float) -> NDArray[np.bool_]:
+def passable(grid: OccupancyGrid, clearance: float) -> Flags:
     """Return the free cells whose centre is at least `clearance`, m, from blocking points, (rows,
     columns)."""
     if clearance <= grid.resolution / 2:  # every free cell has it
@@ -185,9 +186,7 @@ def passable(grid: OccupancyGrid, clearance: float) -> NDArray[np.bool_]:
     return grid.clearance >= clearance
 
 
-def nearest_cell(
-    grid: OccupancyGrid, admitted: NDArray[np.bool_], point: Point, within: float = math.inf
-) -> Cell | None:
+def nearest_cell(grid: OccupancyGrid, admitted: Flags, point: Point, within: float = math.inf) -> Cell | None:
     """Return the admitted cell around `point`, or the one with the nearest centre; None beyond `within`, m.
 
     `admitted`: (rows, columns).
@@ -211,7 +210,7 @@ def nearest_cell(
     return Cell(int(rows[best]) + bottom, int(columns[best]) + left)
 
 
-def outline(grid: OccupancyGrid, *, beyond: bool = True) -> NDArray[np.float64]:
+def outline(grid: OccupancyGrid, *, beyond: bool = True) -> Floats:
     """Return the exact border of free and blocking cells, (n, 4), rows of x0, y0, x1, y1, m.
 
     The outside of the map blocks if `beyond`. Segments have maximum length and are listed once: first the
@@ -228,7 +227,7 @@ def outline(grid: OccupancyGrid, *, beyond: bool = True) -> NDArray[np.float64]:
     return corner + np.concatenate([horizontal, vertical]) * grid.resolution
 
 
-def _runs(edges: NDArray[np.bool_]) -> tuple[NDArray[np.intp], NDArray[np.intp], NDArray[np.intp]]:
+def _runs(edges: Flags) -> tuple[Indices, Indices, Indices]:
     """Return line, begin and end (exclusive) of each run of True along the rows of `edges`, in order."""
     ended = np.zeros((edges.shape[0], edges.shape[1] + 2), dtype=np.int8)
     ended[:, 1:-1] = edges
@@ -238,7 +237,7 @@ def _runs(edges: NDArray[np.bool_]) -> tuple[NDArray[np.intp], NDArray[np.intp],
     return line, begin, end
 
 
-def _gap(value: float, index: NDArray[Any]) -> NDArray[np.float64]:
+def _gap(value: float, index: NDArray[Any]) -> Floats:
     """Return the distance along one axis from `value` to the closed intervals [index, index + 1]."""
-    gap: NDArray[np.float64] = np.maximum(np.maximum(index - value, value - index - 1.0), 0.0)
+    gap: Floats = np.maximum(np.maximum(index - value, value - index - 1.0), 0.0)
     return gap

@@ -12,9 +12,9 @@ from weakref import WeakKeyDictionary
 
 import numpy as np
 import yaml
-from numpy.typing import NDArray
 from PIL import Image, UnidentifiedImageError
 
+from actors.array_types import Flags, Floats, UInt16s
 from actors.floor import offices
 from actors.floor.grid import FREE, OCCUPIED, UNKNOWN, OccupancyGrid, SharedCache
 from actors.floor.offices import RESOLUTION
@@ -169,7 +169,7 @@ _UNKNOWN: Final = 0.196
 _POCKETS: Final = 0.01
 """Share of the image above which such grey inside walls causes a warning."""
 
-_Pixels = tuple[NDArray[np.uint16], NDArray[np.bool_], list[str]]
+_Pixels = tuple[UInt16s, Flags, list[str]]
 """(rows, columns) of red + green + blue, row 0 at the top; transparent pixels; warnings."""
 
 
@@ -303,9 +303,7 @@ def _grid(path: Path, header: MapHeader, pixels: _Pixels) -> OccupancyGrid:
     return grid
 
 
-def _unknown_as_free(
-    header: MapHeader, floor: NDArray[np.uint16], occupancy: NDArray[np.float64]
-) -> list[str]:
+def _unknown_as_free(header: MapHeader, floor: UInt16s, occupancy: Floats) -> list[str]:
     """Return a warning if unknown grey counts as free at the border or in large pockets.
 
     `floor`: the sums of free pixels, 0 elsewhere.

@@ -8,8 +8,8 @@ from typing import Final
 
 import numpy as np
 from numpy.random import Generator
-from numpy.typing import NDArray
 
+from actors.array_types import Flags, Octets
 from actors.floor.placement import Area
 from actors.geometry import Point
 from actors.randomness import generator
@@ -39,7 +39,7 @@ class DrawnFloor:
     pillars: tuple[Disc, ...] = ()
 
 
-def draw(floor: DrawnFloor) -> NDArray[np.uint8]:
+def draw(floor: DrawnFloor) -> Octets:
     """Return the brightness of the map's pixels, row 0 north."""
     rows, columns = round(floor.height / RESOLUTION), round(floor.width / RESOLUTION)
     pixels = np.full((rows, columns), WHITE, dtype=np.uint8)
@@ -65,7 +65,7 @@ def header(image: str, drawn_by: str) -> str:
     )
 
 
-def _fill(pixels: NDArray[np.uint8], box: Box, brightness: int) -> None:
+def _fill(pixels: Octets, box: Box, brightness: int) -> None:
     """Paint a box; row 0 of `pixels` is south."""
     x0, y0, x1, y1 = (round(edge / RESOLUTION) for edge in box)
     pixels[y0:y1, x0:x1] = brightness
@@ -248,7 +248,7 @@ def office_floor(name: str) -> OfficeFloor:
     )
 
 
-def cells_of(name: str) -> NDArray[np.bool_]:
+def cells_of(name: str) -> Flags:
     """Return which cells are occupied, (rows, columns), row 0 south. Raises OfficesError."""
     return np.flipud(draw(office_floor(name).floor) == BLACK)
 

@@ -6,8 +6,8 @@ from collections.abc import Sequence
 import msgspec
 import numpy as np
 from numpy.random import Generator
-from numpy.typing import NDArray
 
+from actors.array_types import Flags, Floats
 from actors.floor.grid import OccupancyGrid, largest_region, nearest_cell, reachable
 from actors.geometry import Point
 from actors.runtime.errors import AcrcError
@@ -128,7 +128,7 @@ def check_pose(grid: OccupancyGrid, point: Point, radius: float, robot: str) -> 
 class _Window:
     """Cells that an area overlaps, weighted by the shared surface."""
 
-    def __init__(self, grid: OccupancyGrid, admitted: NDArray[np.bool_], area: Area) -> None:
+    def __init__(self, grid: OccupancyGrid, admitted: Flags, area: Area) -> None:
         self.title = f"area {area.name!r}" if area.name else "the map"
         self.surface = area.surface
         self._x0, self._x1 = _clipped_edges(grid.origin.x, grid.resolution, grid.columns, area.x0, area.x1)
@@ -161,13 +161,13 @@ class _Window:
 
 def _clipped_edges(
     origin: float, resolution: float, count: int, low: float, high: float
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+) -> tuple[Floats, Floats]:
     """Return both edges of the cells along one axis, m, clipped to the interval from low to high."""
     edges = np.clip(origin + np.arange(count + 1) * resolution, low, high)
     return edges[:-1], edges[1:]
 
 
-def _walkable(grid: OccupancyGrid, start: Point | None, passage: float) -> NDArray[np.bool_]:
+def _walkable(grid: OccupancyGrid, start: Point | None, passage: float) -> Flags:
     if start is None:
         return largest_region(grid, passage)
     region = reachable(grid, start, passage)
@@ -187,7 +187,7 @@ def _draw(windows: Sequence[_Window], rng: Generator) -> Point:
     return windows[rung].point(chance, east, north)
 
 
-def _exclude(grid: OccupancyGrid, admitted: NDArray[np.bool_], point: Point, spacing: float) -> None:
+def _exclude(grid: OccupancyGrid, admitted: Flags, point: Point, spacing: float) -> None:
     """Exclude the cells whose centre is nearer than `spacing` to `point`."""
     row, column = grid.cell(point)
     reach = int(spacing / grid.resolution) + 1

@@ -10,22 +10,21 @@ import math
 from typing import Final, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from actors.kernels import njit
+from actors.array_types import Flags, Floats, Int32s, Int64s, Octets
+from actors.kernels import kernel
 from actors.portable.compiled import asin, atan2
 
 
-def squared_distance(mask: NDArray[np.bool_]) -> NDArray[np.float64]:
+def squared_distance(mask: Flags) -> Floats:
     """Return squared distances between cell centres to the nearest True cell, cells²; inf without any.
 
     `mask` and result: (rows, columns).
     """
-    squared: NDArray[np.float64] = _squared_distance(np.ascontiguousarray(mask))
-    return squared
+    return _squared_distance(np.ascontiguousarray(mask))
 
 
-def clearance(blocking: NDArray[np.bool_], resolution: float) -> NDArray[np.float64]:
+def clearance(blocking: Flags, resolution: float) -> Floats:
     """Return the distance from each free cell's centre to the nearest blocking point, m.
 
     `blocking` and result: (rows, columns); `resolution`: a cell's side, m. Blocking cells are closed squares
@@ -35,12 +34,12 @@ def clearance(blocking: NDArray[np.bool_], resolution: float) -> NDArray[np.floa
     rows, columns = blocking.shape
     ringed = np.ones((rows + 2, columns + 2), dtype=np.bool_)
     ringed[1:-1, 1:-1] = blocking
-    half_cells: NDArray[np.float64] = np.sqrt(_squared_clearance(ringed)[1:-1, 1:-1])
+    half_cells: Floats = np.sqrt(_squared_clearance(ringed)[1:-1, 1:-1])
     return half_cells * (resolution / 2)
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
-def _rows_away(mask: NDArray[np.bool_]) -> NDArray[np.float64]:
+@kernel
+def _rows_away(mask: Flags) -> Floats:
     """Return each cell's distance to the nearest True cell of its column, rows; inf without any."""
     rows, columns = mask.shape
     away = np.empty((rows, columns))
@@ -58,12 +57,12 @@ def _rows_away(mask: NDArray[np.bool_]) -> NDArray[np.float64]:
     return away
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@kernel
 def _envelope(
-    heights: NDArray[np.float64],
-    apex: NDArray[np.int64],
-    begin: NDArray[np.float64],
-    lowest: NDArray[np.float64],
+    heights: Floats,
+    apex: Int64s,
+    begin: Floats,
+    lowest: Floats,
 ) -> None:
     """Fill `lowest[q]` with the minimum over all p of (q − p)² + heights[p].
 
@@ -93,8 +92,8 @@ def _envelope(
         lowest[q] = (q - apex[k]) * (q - apex[k]) + heights[apex[k]]
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
-def _squared_distance(mask: NDArray[np.bool_]) -> NDArray[np.float64]:
+@kernel
+def _squared_distance(mask: Flags) -> Floats:
     away = _rows_away(mask)
     rows, columns = mask.shape
     apex = np.empty(columns, np.int64)
@@ -105,8 +104,8 @@ def _squared_distance(mask: NDArray[np.bool_]) -> NDArray[np.float64]:
     return squared
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
-def _squared_clearance(mask: NDArray[np.bool_]) -> NDArray[np.float64]:
+@kernel
+def _squared_clearance(mask: Flags) -> Floats:
     """Return squared distances from cell centres to the nearest True cell's closed square, half cells².
 
     The nearest point of a square to a centre lies on the lattice of half cells: straight across, or at a
@@ -134,23 +133,21 @@ def _squared_clearance(mask: NDArray[np.bool_]) -> NDArray[np.float64]:
     return squared
 
 
-def flood(passable: NDArray[np.bool_], row: int, column: int) -> NDArray[np.bool_]:
+def flood(passable: Flags, row: int, column: int) -> Flags:
     """Return the 4-connected region of passable cells around one cell; empty if that is not passable."""
-    region: NDArray[np.bool_] = _flood(np.ascontiguousarray(passable), row, column)
-    return region
+    return _flood(np.ascontiguousarray(passable), row, column)
 
 
-def largest_region(passable: NDArray[np.bool_]) -> NDArray[np.bool_]:
+def largest_region(passable: Flags) -> Flags:
     """Return the 4-connected region with the most cells; of equals the first in row order."""
     labels, largest = _regions(np.ascontiguousarray(passable))
-    region: NDArray[np.bool_] = passable & (labels == largest)
+    region: Flags = passable & (labels == largest)
     return region
 
 
-def regions(passable: NDArray[np.bool_]) -> NDArray[np.int32]:
+def regions(passable: Flags) -> Int32s:
     """Return the number of each passable cell's 4-connected region, from 1 in row order; 0 elsewhere."""
-    labels: NDArray[np.int32] = _regions(np.ascontiguousarray(passable))[0]
-    return labels
+    return _regions(np.ascontiguousarray(passable))[0]
 
 
 def fingerprint() -> dict[str, bytes]:
@@ -164,10 +161,8 @@ def fingerprint() -> dict[str, bytes]:
     }
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
-def _spread(
-    passable: NDArray[np.bool_], labels: NDArray[np.int32], queue: NDArray[np.int64], start: int, label: int
-) -> int:
+@kernel
+def _spread(passable: Flags, labels: Int32s, queue: Int64s, start: int, label: int) -> int:
     """Give `label` to the unlabelled passable cells connected to the cell `start`; return their number."""
     rows, columns = passable.shape
     labels.flat[start] = label
@@ -186,8 +181,8 @@ def _spread(
     return count
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
-def _flood(passable: NDArray[np.bool_], row: int, column: int) -> NDArray[np.bool_]:
+@kernel
+def _flood(passable: Flags, row: int, column: int) -> Flags:
     labels = np.zeros(passable.shape, np.int32)
     if passable[row, column]:
         queue = np.empty(passable.size, np.int64)
@@ -195,8 +190,8 @@ def _flood(passable: NDArray[np.bool_], row: int, column: int) -> NDArray[np.boo
     return labels > 0
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
-def _regions(passable: NDArray[np.bool_]) -> tuple[NDArray[np.int32], int]:
+@kernel
+def _regions(passable: Flags) -> tuple[Int32s, int]:
     """Return each cell's region from 1 (0 = not passable), and the number of the largest region."""
     labels = np.zeros(passable.shape, np.int32)
     queue = np.empty(passable.size, np.int64)
@@ -213,7 +208,7 @@ def _regions(passable: NDArray[np.bool_]) -> tuple[NDArray[np.int32], int]:
     return labels, largest
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@kernel
 def bearing_to(x: float, y: float, heading: float, first_angle: float) -> float:
     """Return the bearing of (x, y) relative to the first ray, in [0, 2π) rad.
 
@@ -223,14 +218,13 @@ def bearing_to(x: float, y: float, heading: float, first_angle: float) -> float:
     return bearing - 2 * math.pi * math.floor(bearing / (2 * math.pi))
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@kernel
 def half_width(apart: float, radius: float) -> float:
     """Return half the viewing angle of a disc at this distance, rad; π from inside."""
-    half: float = asin(radius / apart) if apart > radius else math.pi
-    return half
+    return asin(radius / apart) if apart > radius else math.pi
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@kernel
 def window(bearing: float, half: float, turn: int, increment: float, rays: int) -> tuple[int, int]:
     """Return the range of rays, last exclusive, that can hit a disc; see `bearing_to` and `half_width`.
 
@@ -276,7 +270,7 @@ class Square(NamedTuple):
     """Distance to the row border; the ray leaves at the nearer one."""
 
 
-def equal_squares(kinds: NDArray[np.uint8]) -> NDArray[np.uint8]:
+def equal_squares(kinds: Octets) -> Octets:
     """Return how far a ray may leap: (4, rows, columns) for (rows, columns) of kinds of cells.
 
     For each cell and each quadrant of directions (bit 0 set: westward, bit 1 set: southward) this is the
@@ -287,7 +281,7 @@ def equal_squares(kinds: NDArray[np.uint8]) -> NDArray[np.uint8]:
     return squares
 
 
-def free_squares(blocking: NDArray[np.bool_]) -> NDArray[np.uint8]:
+def free_squares(blocking: Flags) -> Octets:
     """Return `equal_squares` of free cells: (4, rows + 2, columns + 2), with a ring of blocking cells added.
 
     0 in a blocking cell.
@@ -299,7 +293,7 @@ def free_squares(blocking: NDArray[np.bool_]) -> NDArray[np.uint8]:
     return squares
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@kernel
 def ray(x: float, y: float, dx: float, dy: float) -> Ray:
     """Return the ray from (x, y) along the unit vector (dx, dy)."""
     per_x = 1 / dx if dx != 0 else 1e300
@@ -307,13 +301,13 @@ def ray(x: float, y: float, dx: float, dy: float) -> Ray:
     return Ray(x, y, dx, dy, per_x, per_y, quadrant(dx, dy))
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@kernel
 def quadrant(dx: float, dy: float) -> int:
     """Return `Ray.quadrant` of a direction."""
     return (0 if dx >= 0 else 1) + (0 if dy >= 0 else 2)
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@kernel
 def square_at(ray: Ray, column: int, row: int, side: int) -> Square:
     """Return the square of this side, ≥ 1, with its near corner in the ray's cell."""
     east, north = ray.dx >= 0, ray.dy >= 0
@@ -325,7 +319,7 @@ def square_at(ray: Ray, column: int, row: int, side: int) -> Square:
     return Square(left, bottom, side, border_x, border_y, to_x, to_y)
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@kernel
 def cell_after(ray: Ray, square: Square, distance: float) -> tuple[int, int]:
     """Return column and row of the cell that the ray enters after the square, at this distance from its
     start.
@@ -340,8 +334,8 @@ def cell_after(ray: Ray, square: Square, distance: float) -> tuple[int, int]:
     return min(max(int(ray.x + distance * ray.dx), left), left + last), row
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
-def _equal_squares(kinds: NDArray[np.uint8], squares: NDArray[np.uint8]) -> None:
+@kernel
+def _equal_squares(kinds: Octets, squares: Octets) -> None:
     rows, columns = kinds.shape
     for quadrant in range(4):
         east = 1 if quadrant & 1 == 0 else -1

@@ -7,6 +7,7 @@ import numpy as np
 import rerun as rr
 from numpy.typing import NDArray
 
+from actors.array_types import Floats, Singles
 from actors.observer.glyphs import GREY, Colour, is_small_swarm
 from actors.observer.glyphs import robot as robot_colour
 
@@ -52,7 +53,7 @@ class Canvas:
         self.recording.set_time(TIMELINE, duration=_microseconds([second])[0])
         self.recording.log(f"{self._root}/{path}", drawn)
 
-    def draw_columns(self, path: str, seconds: Sequence[float] | NDArray[np.float64], columns: Any) -> None:
+    def draw_columns(self, path: str, seconds: Sequence[float] | Floats, columns: Any) -> None:
         """Draw or replace something at many instants, s; one row of the columns for each."""
         if len(seconds):
             when = rr.TimeColumn(TIMELINE, duration=_microseconds(seconds))
@@ -61,7 +62,7 @@ class Canvas:
     def draw_strips(
         self,
         path: str,
-        seconds: Sequence[float] | NDArray[np.float64],
+        seconds: Sequence[float] | Floats,
         rows: Iterable[Sequence[Any]],
         colours: Iterable[Sequence[Colour]] | None = None,
     ) -> None:
@@ -75,7 +76,7 @@ class Canvas:
         self.draw_columns(path, seconds, rr.LineStrips3D.columns(strips=flat, **more).partition(lengths))
 
 
-def _microseconds(seconds: Sequence[float] | NDArray[np.float64]) -> NDArray[np.timedelta64]:
+def _microseconds(seconds: Sequence[float] | Floats) -> NDArray[np.timedelta64]:
     """Convert s to whole microseconds."""
     return np.round(np.asarray(seconds, np.float64) * 1e6).astype("timedelta64[us]")
 
@@ -87,19 +88,17 @@ def packed(colours: Sequence[Colour]) -> NDArray[np.uint32]:
     return numbers.astype(np.uint32)
 
 
-def ring(x: float, y: float, radius: float, height: float) -> NDArray[np.float32]:
+def ring(x: float, y: float, radius: float, height: float) -> Singles:
     """Return a circle as a line, (25, 3)."""
     return at_height(CIRCLE * radius + (x, y), height)
 
 
-def at_height(points: NDArray[Any], height: float) -> NDArray[np.float32]:
+def at_height(points: NDArray[Any], height: float) -> Singles:
     """Return points of the floor, (k, 2), at a height, (k, 3)."""
-    drawn: NDArray[np.float32] = np.column_stack((points, np.full(len(points), height))).astype(np.float32)
-    return drawn
+    return np.column_stack((points, np.full(len(points), height))).astype(np.float32)
 
 
-def quaternions(headings: NDArray[np.float64]) -> NDArray[np.float32]:
+def quaternions(headings: Floats) -> Singles:
     """Return rotations about the vertical axis, (k, 4), by headings, (k,), rad."""
     none, half = np.zeros(len(headings)), headings / 2
-    turned: NDArray[np.float32] = np.column_stack((none, none, np.sin(half), np.cos(half))).astype(np.float32)
-    return turned
+    return np.column_stack((none, none, np.sin(half), np.cos(half))).astype(np.float32)

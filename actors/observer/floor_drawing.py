@@ -5,8 +5,8 @@ from typing import Any, Final
 
 import numpy as np
 import rerun as rr
-from numpy.typing import NDArray
 
+from actors.array_types import Flags, Floats, Octets, Singles
 from actors.floor.grid import FREE, OCCUPIED, OccupancyGrid
 from actors.observer.canvas import BODY, CIRCLE, INTENT, ITEM, LABEL, TRAIL, Canvas, at_height, ring
 from actors.observer.glyphs import (
@@ -25,7 +25,6 @@ from actors.observer.glyphs import (
 from actors.runtime.errors import printable
 from actors.task.task import TaskDeclaration
 
-Floats = NDArray[np.float64]
 _ADOPTION_S: Final = 6.0
 """How long the arrow of an adoption is shown, s."""
 _CROSS: Final = [3, 15], [9, 21]
@@ -55,7 +54,7 @@ def draw_items(
     _draw_lines(canvas, second, f"world/items/{rr.escape_entity_path_part(owner)}", lines)
 
 
-_Line = tuple[NDArray[np.float32], Colour, float]
+_Line = tuple[Singles, Colour, float]
 """A line with its colour and width, m; negative: points."""
 
 
@@ -93,7 +92,7 @@ def set_goal_style(canvas: Canvas, robot: str) -> None:
 
 def draw_goals(canvas: Canvas, robot: str, seconds: Floats, here: Floats, there: Floats) -> None:
     """Draw a robot's goals; `here` and `there`: (n, 2), m; NaN: no goal."""
-    heads: NDArray[np.bool_] = np.isfinite(there[:, 0])
+    heads: Flags = np.isfinite(there[:, 0])
     lines = np.stack((at_height(here, INTENT), at_height(there, INTENT)), axis=1)
     rows = [[line] if shown else [] for line, shown in zip(lines, heads.tolist(), strict=True)]
     canvas.draw_strips(f"world/intent/{robot}", seconds, rows)
@@ -125,7 +124,7 @@ def draw_adoption(
     canvas.draw_at(second + _ADOPTION_S, path, rr.Arrows3D.from_fields(clear_unset=True))
 
 
-def draw_floor(canvas: Canvas, grid: OccupancyGrid, doors: NDArray[np.bool_] | None = None) -> None:
+def draw_floor(canvas: Canvas, grid: OccupancyGrid, doors: Flags | None = None) -> None:
     """Draw the floor plan at /world/map; `doors`: tinted cells, (rows, columns)."""
     image = _image(grid, np.zeros(grid.cells.shape, np.bool_) if doors is None else doors)
     rows, columns, _ = image.shape
@@ -143,7 +142,7 @@ def draw_floor(canvas: Canvas, grid: OccupancyGrid, doors: NDArray[np.bool_] | N
     )
 
 
-def _image(grid: OccupancyGrid, doors: NDArray[np.bool_]) -> NDArray[np.uint8]:
+def _image(grid: OccupancyGrid, doors: Flags) -> Octets:
     """Return the image of the map, (rows, columns, 3), north edge first as the viewer requires."""
     values = np.full((*grid.cells.shape, 3), GROUND, dtype=np.uint8)
     values[grid.cells == FREE] = FLOOR
@@ -213,7 +212,7 @@ def draw_things(canvas: Canvas, second: float, things: Sequence[DrawnObject]) ->
 
 def _strips(
     shape: str, points: tuple[tuple[float, float], ...], radius: float
-) -> list[tuple[NDArray[np.float32], float]]:
+) -> list[tuple[Singles, float]]:
     """Return the lines of an object with widths, m; negative: points."""
     if len(points) > 1:
         return [(np.array([(x, y, TRAIL) for x, y in points], np.float32), -3.0)]

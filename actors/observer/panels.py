@@ -5,8 +5,8 @@ from typing import Any, Final, NamedTuple
 
 import numpy as np
 import rerun as rr
-from numpy.typing import NDArray
 
+from actors.array_types import Floats, Int64s, Octets, Singles
 from actors.observer.canvas import (
     BODY,
     CIRCLE,
@@ -176,9 +176,7 @@ def set_line_style(
     )
 
 
-def draw_line(
-    canvas: Canvas, path: str, seconds: Sequence[float] | NDArray[np.float64], values: NDArray[np.float64]
-) -> None:
+def draw_line(canvas: Canvas, path: str, seconds: Sequence[float] | Floats, values: Floats) -> None:
     """Draw values of a plot's line."""
     canvas.draw_columns(path, seconds, rr.Scalars.columns(scalars=values))
 
@@ -243,8 +241,6 @@ def _circle(robots: Sequence[str]) -> dict[str, tuple[float, float]]:
     }
 
 
-Floats = NDArray[np.float64]
-Singles = NDArray[np.float32]
 _AHEAD_S: Final = 1.7
 """Length of the drawn arc, s: horizon of the local planner."""
 _SIGMAS: Final = 2.0
@@ -271,7 +267,7 @@ def set_perception_style(canvas: Canvas, robot: str) -> None:
 
 
 def draw_clouds(
-    canvas: Canvas, robot: str, layer: str, seconds: Floats, counts: NDArray[np.int64], points: Singles
+    canvas: Canvas, robot: str, layer: str, seconds: Floats, counts: Int64s, points: Singles
 ) -> None:
     """Draw scans or particles (`layer`); `counts`: points per instant, `points`: (k, 2), m."""
     height = BODY if layer == "scan" else CLOUD
@@ -314,7 +310,7 @@ def draw_arcs(canvas: Canvas, robot: str, seconds: Floats, poses: Floats, twists
 
 
 def draw_costs(
-    canvas: Canvas, robot: str, seconds: Floats, costs: NDArray[np.uint8], corners: Floats, cell: float
+    canvas: Canvas, robot: str, seconds: Floats, costs: Octets, corners: Floats, cell: float
 ) -> None:
     """Draw local cost maps, (n, rows, columns), southernmost row first.
 

@@ -6,8 +6,8 @@ from typing import Final, NamedTuple
 
 import numpy as np
 import rerun as rr
-from numpy.typing import NDArray
 
+from actors.array_types import Floats, Singles
 from actors.observer.canvas import BODY, LABEL, NOSE, TRAIL, Canvas, at_height, quaternions, ring
 from actors.observer.canvas import LINK as HEIGHT
 from actors.observer.glyphs import (
@@ -21,7 +21,6 @@ from actors.observer.glyphs import (
     faded,
 )
 
-Floats = NDArray[np.float64]
 RECENT_S: Final = 20.0
 """Age up to which a trail is bright, s; the earlier history is dim."""
 SEGMENT_S: Final = 0.5
@@ -95,7 +94,7 @@ class DrawnTrail:
     def __init__(self) -> None:
         self._last: tuple[float, float, float] | None = None
 
-    def extend(self, second: float, x: float, y: float) -> NDArray[np.float32] | None:
+    def extend(self, second: float, x: float, y: float) -> Singles | None:
         """Return the segment, (2, 3), m, that ends at the robot's position, if one is due."""
         if self._last is None:
             self._last = second, x, y

@@ -1,21 +1,20 @@
 """The functions of this package on arrays, entry by entry, with the same bits."""
 
 from collections.abc import Callable
-from typing import Final, TypeAlias
+from typing import Final
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from actors.kernels import njit
+from actors.array_types import Floats
+from actors.kernels import kernel
 from actors.portable import compiled
-
-Floats: TypeAlias = NDArray[np.float64]
 
 
 def _by_entry(function: Callable[[float], float]) -> Callable[[ArrayLike], Floats]:
     """Return the function applied to each entry of an array; same shape."""
 
-    @njit(cache=True)  # type: ignore[untyped-decorator]
+    @kernel
     def over(values: Floats, results: Floats) -> None:
         for i in range(values.size):
             results[i] = function(values[i])
@@ -40,13 +39,13 @@ log1p: Final = _by_entry(compiled.log1p)
 atan: Final = _by_entry(compiled.atan)
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@kernel
 def _hypot(x: Floats, y: Floats, results: Floats) -> None:
     for i in range(x.size):
         results[i] = compiled.hypot(x[i], y[i])
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@kernel
 def _total(rows: Floats, results: Floats) -> None:
     for i in range(rows.shape[0]):
         total = 0.0

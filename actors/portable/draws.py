@@ -4,17 +4,14 @@ numpy's own use the C library's logarithm and exponential function in the tails.
 """
 
 from collections.abc import Sequence
-from typing import TypeAlias
 
 import numpy as np
 from numpy.random import Generator
-from numpy.typing import NDArray
 
-from actors.kernels import njit
+from actors.array_types import Floats
+from actors.kernels import kernel
 from actors.portable import elementary
 from actors.portable.compiled import log
-
-Floats: TypeAlias = NDArray[np.float64]
 
 
 def normals(generator: Generator, shape: int | tuple[int, ...]) -> Floats:
@@ -45,17 +42,16 @@ def exponentials(generator: Generator, mean: float, count: int) -> Floats:
 
 def uniforms(generator: Generator, low: float, high: float, count: int) -> Floats:
     """Return uniform draws from `low` to `high`, (count,)."""
-    draws: Floats = low + (high - low) * generator.random(count)
-    return draws
+    return low + (high - low) * generator.random(count)
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@kernel
 def _to_normals(draws: Floats) -> None:
     for i in range(draws.size):
         draws[i] = elementary.normal_quantile(draws[i])
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@kernel
 def _to_exponentials(draws: Floats, mean: float) -> None:
     for i in range(draws.size):
         draws[i] = -mean * log(1.0 - draws[i])
@@ -63,7 +59,7 @@ def _to_exponentials(draws: Floats, mean: float) -> None:
 
 def fingerprint() -> bytes:
     """Return the kernels' results for fixed inputs, which differ if a processor computes differently."""
-    uniform = np.arange(200.0) / 200.0
+    uniform = np.arange(200.0, dtype=np.float64) / 200.0
     normal, exponential = uniform.copy(), uniform.copy()
     _to_normals(normal)
     _to_exponentials(exponential, 3.0)

@@ -3,21 +3,19 @@
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
-from actors.kernels import njit
+from actors.array_types import Floats
+from actors.kernels import kernel
 from actors.randomness import generator
 
-Floats = NDArray[np.float64]
 
-
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@kernel
 def _products(x: Floats, y: Floats, results: Floats) -> None:
     for i in range(x.size):
         results[i] = x[i] * y[i] + y[i]
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@kernel
 def _sum(x: Floats) -> float:
     total = 0.0
     for i in range(x.size):
@@ -27,7 +25,7 @@ def _sum(x: Floats) -> float:
 
 def fingerprint() -> dict[str, bytes]:
     """Return the operations' results for fixed inputs, which differ if a processor or library differs."""
-    x = np.arange(-301.0, 300.0) / 7.0 + 0.01
+    x = np.arange(-301.0, 300.0, dtype=np.float64) / 7.0 + 0.01
     y = 1.0 + np.square(x) / 3.0
     fused, draws = np.empty(x.size), generator(7, "fingerprint", "none")
     _products(x, y, fused)

@@ -12,9 +12,9 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from actors import ieee802154
+from actors.array_types import Floats, Indices
 from actors.ieee802154 import MAC_OCTETS
 from actors.messages import FRAME_DATA_LIMIT
 
@@ -100,22 +100,22 @@ _STRENGTHS: Final = tuple(_strength(code) for code in range(256))
 _STRENGTH_TABLE: Final = np.array(_STRENGTHS)
 
 
-def rssi_codes(dbm: NDArray[np.float64]) -> NDArray[np.intp]:
+def rssi_codes(dbm: Floats) -> Indices:
     """Return the chip's codes for signal strengths, (n,) dBm."""
     steps = np.clip(dbm, _WEAKEST_DBM, _STRONGEST_DBM) - _WEAKEST_DBM
     lower = steps.astype(np.intp)
     upper = np.minimum(lower + 1, len(_RSSI_CODES) - 1)
     codes = _CODES[lower] + (steps - lower) * (_CODES[upper] - _CODES[lower])
-    rounded: NDArray[np.intp] = np.rint(codes).astype(np.intp)
+    rounded: Indices = np.rint(codes).astype(np.intp)
     return rounded
 
 
-def strengths_dbm(codes: NDArray[np.intp]) -> NDArray[np.float64]:
+def strengths_dbm(codes: Indices) -> Floats:
     """Return the signal strengths of codes, as `rssi_dbm`, (n,)."""
     return _STRENGTH_TABLE[codes]
 
 
-def link_qualities(dbm: NDArray[np.float64], weakest_dbm: float) -> NDArray[np.intp]:
+def link_qualities(dbm: Floats, weakest_dbm: float) -> Indices:
     """Return the LQI, 0 to 255, of signal strengths, (n,); `weakest_dbm`: about the receivers' limit.
 
     Own choice: linear, 255 from 20 dB above the limit. IEEE 802.15.4-2006, 6.9.8, requires only an even

@@ -21,15 +21,13 @@ from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.random import Generator
-from numpy.typing import NDArray
 
-from actors.kernels import njit
+from actors.array_types import Floats, Int64s
+from actors.kernels import kernel
 from actors.portable import arrays
 from actors.portable.compiled import cos, exp, exp10, log10, sin
 from actors.portable.draws import normals, uniforms
 from actors.radio.walls import TILE, Walls, wall_loss, walls_of
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -62,7 +60,7 @@ class PathLossParameters:
         return np.array([near_at_one, near, self.breakpoint, far_at_one, far, self.nearest])
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@kernel
 def path_loss(distance: float, coefficients: Floats) -> float:
     """Return the loss, dB, over a distance, m."""
     d = max(distance, coefficients[5])
@@ -126,7 +124,7 @@ def waves(parameters: ShadowingParameters, rng: Generator) -> ShadowingWaves:
     return ShadowingWaves(first, second, uniforms(rng, -math.pi, math.pi, n))
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@kernel
 def _phasors(column: int, row: int, grain: float, waves: ShadowingWaves, phasors: Floats) -> None:
     """Write the phasors, (4, sinusoids), of a square: as the first end, and as the second."""
     first, second, phase = waves
@@ -138,10 +136,8 @@ def _phasors(column: int, row: int, grain: float, waves: ShadowingWaves, phasors
         phasors[2, k], phasors[3, k] = cos(other), sin(other)
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
-def refresh(
-    places: Floats, grain: float, waves: ShadowingWaves, cells: NDArray[np.int64], phasors: Floats
-) -> None:
+@kernel
+def refresh(places: Floats, grain: float, waves: ShadowingWaves, cells: Int64s, phasors: Floats) -> None:
     """Update the phasors, (4, sinusoids, n), of receivers that have entered another square.
 
     places (n, 2), m; cells (n, 2): squares of the phasors, written.
@@ -153,7 +149,7 @@ def refresh(
             _phasors(column, row, grain, waves, phasors[:, :, j])
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@kernel
 def add_shadowing(
     senders: Floats,
     receivers: Floats,
@@ -161,7 +157,7 @@ def add_shadowing(
     correlation_distance: float,
     grain: float,
     waves: ShadowingWaves,
-    cells: NDArray[np.int64],
+    cells: Int64s,
     phasors: Floats,
     loss_db: Floats,
 ) -> None:
@@ -233,7 +229,7 @@ class IndoorPropagation:
         if parameters.shadowing.sigma_db > 0:
             assert rng is not None, "shadowing is drawn"
             self._waves = waves(parameters.shadowing, rng)
-        self._cells: NDArray[np.int64] = np.empty((0, 2), np.int64)
+        self._cells: Int64s = np.empty((0, 2), np.int64)
         self._phasors: Floats = np.empty((4, parameters.shadowing.sinusoids, 0))
 
     def loss_db(self, senders: Floats, receivers: Floats, most_db: float = math.inf) -> Floats:
@@ -267,14 +263,13 @@ class IndoorPropagation:
         add_shadowing(senders, receivers, p.sigma_db, p.correlation_distance, *kept, loss)
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@kernel
 def _path_loss_between(senders: Floats, i: int, receivers: Floats, j: int, coefficients: Floats) -> float:
     dx, dy = receivers[j, 0] - senders[i, 0], receivers[j, 1] - senders[i, 1]
-    loss: float = max(path_loss(np.sqrt(dx * dx + dy * dy), coefficients), 0.0)
-    return loss
+    return max(path_loss(np.sqrt(dx * dx + dy * dy), coefficients), 0.0)
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@kernel
 def _path_losses(senders: Floats, receivers: Floats, coefficients: Floats, loss_db: Floats) -> None:
     """Add the loss by distance to loss_db, (s, r) dB; at least 0."""
     for i in range(senders.shape[0]):
@@ -284,7 +279,7 @@ def _path_losses(senders: Floats, receivers: Floats, coefficients: Floats, loss_
             )
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@kernel
 def _losses(
     senders: Floats, receivers: Floats, coefficients: Floats, floor: Walls, most_db: float, loss_db: Floats
 ) -> None:

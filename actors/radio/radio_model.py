@@ -13,6 +13,7 @@ from msgspec import Meta
 from numpy.random import Generator
 from numpy.typing import NDArray
 
+from actors.array_types import Floats, Int64s
 from actors.floor.map_file import load_map
 from actors.ieee802154 import PSDU_LIMIT
 from actors.portable import log10
@@ -32,8 +33,7 @@ from actors.runtime.errors import AcrcError
 from actors.runtime.process_setup import ActorSetup, ProcessSetup, RecordDetail
 from actors.settings import Place, Settings, Text
 
-Floats = NDArray[np.float64]
-Bursts = NDArray[np.int64]
+Bursts = Int64s
 _BURST_NS: Final = (1_000_000, 2_000_000)
 """Shortest and longest burst, ns, uniformly distributed: a frame of 1500 octets at 11 Mb/s with its
 acknowledgement, or an aggregate of faster ones."""
@@ -107,8 +107,7 @@ class WifiInterferer:
     def power_dbm(self, receivers: Floats) -> Floats:
         """Return the power as `medium.Interferer` defines it."""
         loss = self._propagation.loss_db(self._place, receivers.reshape(-1, 2))
-        power: Floats = self._radiated_dbm - loss.reshape(receivers.shape[:-1])
-        return power
+        return self._radiated_dbm - loss.reshape(receivers.shape[:-1])
 
     def has_ended(self, now_ns: int) -> bool:
         """Return False: a station never ends."""

@@ -7,7 +7,8 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from actors.kernels import njit
+from actors.array_types import Floats, Indices, Int64s, Octets, Records
+from actors.kernels import kernel
 from actors.messages import (
     TOO_WEAK,
     AccessFailure,
@@ -59,7 +60,7 @@ class FrameCounters:
         """Count events not delivered to a robot, by one of EVENTS."""
         self._events[end] += number
 
-    def counters(self, medium: NDArray[np.void]) -> dict[str, int]:
+    def counters(self, medium: Records) -> dict[str, int]:
         """Return all counters by name, including the medium's (`Medium.counters`).
 
         `frames_*` count frames; `bytes_sent` the octets of transmitted ones, with MAC header and FCS;
@@ -67,7 +68,7 @@ class FrameCounters:
         with n transceivers always on, they sum up to n - 1 times `frames_sent`; `events_*` count lost events.
         """
 
-        def total(counts: NDArray[np.int64]) -> int:
+        def total(counts: Int64s) -> int:
             return int(counts.sum(dtype=np.int64))
 
         frames = {name: total(medium[field]) for name, field in FRAMES.items()}
@@ -77,7 +78,7 @@ class FrameCounters:
         copies = {name: total(medium["outcomes"][:, outcome]) for name, outcome in COPIES.items()}
         return frames | copies | {f"events_{end}": count for end, count in self._events.items()}
 
-    def by_robot(self, robots: Sequence[str], medium: NDArray[np.void]) -> dict[str, dict[str, int]]:
+    def by_robot(self, robots: Sequence[str], medium: Records) -> dict[str, dict[str, int]]:
         """Return the counters by robot: of its own frames, and of the copies of others' frames at it."""
         return {
             robot: {
@@ -87,9 +88,6 @@ class FrameCounters:
             }
             for number, (robot, own) in enumerate(zip(robots, medium, strict=True))
         }
-
-
-Floats = NDArray[np.float64]
 
 
 class TransceiverTruth:
@@ -113,11 +111,10 @@ class TransceiverTruth:
     def positions(self, instant_ns: int) -> NDArray[np.float64]:
         """Return the positions at an instant, (transceivers, 2), m."""
         elapsed = (instant_ns - self._start_ns) / 1e9
-        moved: Floats = _moved(self._truths, elapsed)
-        return moved
+        return _moved(self._truths, elapsed)
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@kernel
 def _moved(truths: Floats, elapsed: float) -> Floats:
     """Return places, (n, 2) m, after `elapsed` s; truths (n, 5): place, m, velocity, m/s, its rotation,
     rad/s."""
@@ -164,7 +161,7 @@ class SubmittedFrame(NamedTuple):
 
 
 def _copies(
-    sent: Sequence[tuple[NDArray[np.uint8], NDArray[np.float64]]], senders: Sequence[int]
+    sent: Sequence[tuple[Octets, NDArray[np.float64]]], senders: Sequence[int]
 ) -> list[tuple[bytes, bytes, bytes]]:
     """Return the last three fields of FrameOutcome for transmitted frames with their outcomes."""
     if not sent:
@@ -288,7 +285,7 @@ class RobotMedium:
             self._last_places = truth.places
             self.medium.place(truth.places)
 
-    def _record_events(self, events: NDArray[np.void], notices: Notices) -> None:
+    def _record_events(self, events: Records, notices: Notices) -> None:
         if not events.size:
             return
         strengths, qualities = self._quality(events["power_mw"], events["sinr"])
@@ -308,7 +305,7 @@ class RobotMedium:
 
     def _quality(
         self, power_mw: NDArray[np.float64], sinr: NDArray[np.float64]
-    ) -> tuple[NDArray[np.float64], NDArray[np.intp]]:
+    ) -> tuple[NDArray[np.float64], Indices]:
         """Return signal strengths, dBm, and link qualities, limited to the chip's codes; (n,) each.
 
         Interference lowers the quality like an equally weaker signal. Not meaningful for events other than

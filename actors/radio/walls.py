@@ -12,16 +12,15 @@ from typing import Annotated, Final, NamedTuple
 
 import numpy as np
 from msgspec import Meta
-from numpy.typing import NDArray
 
+from actors.array_types import Flags, Floats, Int32s, Octets
 from actors.floor.grid import OCCUPIED, OccupancyGrid
 from actors.floor.raster import Ray, cell_after, equal_squares, ray, square_at
-from actors.kernels import njit
+from actors.kernels import kernel
 from actors.portable import exp, log, log10
 from actors.runtime.errors import AcrcError
 from actors.settings import Settings, Span, check_spans
 
-Floats = NDArray[np.float64]
 _GHZ: Final = 2.45
 """Centre of the band, channels 11 to 26."""
 
@@ -83,12 +82,12 @@ TILE: Final = 16
 class Walls(NamedTuple):
     """Floor plan of kinds of cells, 0 of which is air; made by `walls_of`."""
 
-    leaps: NDArray[np.uint8]
+    leaps: Octets
     """Side, in tiles, of the largest square of air tiles with the tile in its near corner, (2, rows,
     columns), for rays going east and north, and east and south; 0: the tile has walls."""
-    begins: NDArray[np.int32]
+    begins: Int32s
     """Index of each tile's first block, (rows · columns + 1,); the blocks end at the next tile's first."""
-    blocks: NDArray[np.uint8]
+    blocks: Octets
     """Rectangles of one kind, without overlap, (blocks, 5): first column and row within the tile, last ones
     (exclusive), and kind."""
     resolution: float
@@ -103,7 +102,7 @@ class Walls(NamedTuple):
 
 
 def walls_of(
-    kinds: NDArray[np.uint8],
+    kinds: Octets,
     resolution: float,
     west: float,
     south: float,
@@ -123,10 +122,8 @@ def walls_of(
     return Walls(leaps, begins, blocks, resolution, west, south, *losses)
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
-def _find_blocks(
-    kinds: NDArray[np.uint8], columns: int, begins: NDArray[np.int32], blocks: NDArray[np.uint8]
-) -> None:
+@kernel
+def _find_blocks(kinds: Octets, columns: int, begins: Int32s, blocks: Octets) -> None:
     """Write the number of blocks of all tiles, and the blocks as far as there is room.
 
     Blocks are grown greedily: from each free cell eastward along its kind, then northward.
@@ -194,14 +191,14 @@ def build(grid: OccupancyGrid, everywhere: str, patches: Sequence[WallPatch] = (
     return walls_of(kinds, grid.resolution, *grid.origin, crossing_db, per_metre_db)
 
 
-def cells_in(grid: OccupancyGrid, patch: WallPatch) -> NDArray[np.bool_]:
+def cells_in(grid: OccupancyGrid, patch: WallPatch) -> Flags:
     """Return which cells have their centre in the patch, (rows, columns)."""
     x, y = grid.centres()
     rows = (patch.y[0] <= y) & (y <= patch.y[1])
     return rows[:, None] & (patch.x[0] <= x) & (x <= patch.x[1])
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@kernel
 def _clipped(start: float, slope: float, end: int, entry: float, leave: float) -> tuple[float, float]:
     """Return where a ray is between 0 and `end` along one axis, within `entry` and `leave`.
 
@@ -215,8 +212,8 @@ def _clipped(start: float, slope: float, end: int, entry: float, leave: float) -
     return entry, leave if 0.0 <= start < end else -1.0
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
-def _block_span(line: Ray, blocks: NDArray[np.uint8], k: int, left: int, bottom: int) -> tuple[float, float]:
+@kernel
+def _block_span(line: Ray, blocks: Octets, k: int, left: int, bottom: int) -> tuple[float, float]:
     """Return where an eastward ray enters and leaves a block of the tile with this corner; all in tiles."""
     low, high = bottom + blocks[k, 1] / TILE, bottom + blocks[k, 3] / TILE
     if line.dy < 0:
@@ -226,7 +223,7 @@ def _block_span(line: Ray, blocks: NDArray[np.uint8], k: int, left: int, bottom:
     return enters, leaves
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@kernel
 def _loss_along(
     walls: Walls,
     per_tile_db: Floats,
@@ -276,7 +273,7 @@ def _loss_along(
     return loss
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@kernel
 def wall_loss(
     walls: Walls, per_tile_db: Floats, x0: float, y0: float, x1: float, y1: float, most_db: float
 ) -> float:
@@ -290,5 +287,4 @@ def wall_loss(
     length = math.sqrt(dx * dx + dy * dy)
     if length == 0.0:
         return 0.0
-    loss: float = _loss_along(walls, per_tile_db, x0, y0, dx / length, dy / length, length, most_db)
-    return loss
+    return _loss_along(walls, per_tile_db, x0, y0, dx / length, dy / length, length, most_db)

@@ -5,8 +5,8 @@ from typing import Final
 
 import msgspec
 import numpy as np
-from numpy.typing import NDArray
 
+from actors.array_types import UInt16s
 from actors.geometry import Pose, interpolate
 from actors.instant import Instant
 from actors.messages import Scan
@@ -20,7 +20,7 @@ _CAPACITY: Final = 128
 class Sweep(msgspec.Struct, frozen=True, gc=False):
     """A scan and its odometry pose."""
 
-    ranges_mm: NDArray[np.uint16]
+    ranges_mm: UInt16s
     """(rays,), read-only, mm; NO_ECHO_MM for rays without echo."""
     pose: Pose
     """Pose of the body at the time of the scan, m and rad, odometry frame."""

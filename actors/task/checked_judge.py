@@ -5,9 +5,8 @@ from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from typing import Any, Final, TypeVar
 
 import msgspec
-import numpy as np
-from numpy.typing import NDArray
 
+from actors.array_types import Floats
 from actors.instant import Instant, in_seconds
 from actors.items import TaskReports
 from actors.messages import ItemMark, TaskEvent
@@ -40,7 +39,7 @@ class CheckedJudge(Judge):
             raise self._error("settled", f"is {short_repr(settled)}; must be True or False")
         return settled
 
-    def watch(self, instant: Instant, positions: NDArray[np.float64]) -> None:
+    def watch(self, instant: Instant, positions: Floats) -> None:
         """Process the true positions."""
         self._now = int(instant)
         self._call("watch", lambda: self.judge.watch(instant, positions))

@@ -12,10 +12,9 @@ from types import ModuleType
 from typing import Any, ClassVar, Final, NamedTuple, Protocol, TypeVar
 
 import msgspec
-import numpy as np
 from numpy.random import Generator
-from numpy.typing import NDArray
 
+from actors.array_types import Floats
 from actors.floor.grid import OccupancyGrid
 from actors.floor.placement import Area
 from actors.geometry import Point, Pose
@@ -209,7 +208,7 @@ class Judge:
         """True once the task is finished, which ends the run."""
         return False
 
-    def watch(self, instant: Instant, positions: NDArray[np.float64]) -> None:
+    def watch(self, instant: Instant, positions: Floats) -> None:
         """Process the true positions, (n, 2) m, in the order of the robots, at the start of a step."""
 
     def take(self, robot: str, answer: TaskReports, begin: int, end: int) -> str | None:

@@ -9,8 +9,8 @@ from typing import Any, Final, NamedTuple
 
 import msgspec
 import numpy as np
-from numpy.typing import NDArray
 
+from actors.array_types import Flags, Floats
 from actors.floor.doors import DoorError, Doorways
 from actors.floor.grid import FREE, OCCUPIED, outline
 from actors.floor.map_file import load_map
@@ -73,8 +73,8 @@ class FloorRecord:
 class _DoorLeaf(NamedTuple):
     """A closed or closing door."""
 
-    cells: NDArray[np.bool_]
-    segments: NDArray[np.float64]
+    cells: Flags
+    segments: Floats
     ends: tuple[Point, Point]
 
 
@@ -179,12 +179,12 @@ class Bodies:
         self._cache_states()
 
     @property
-    def positions(self) -> NDArray[np.float64]:
+    def positions(self) -> Floats:
         """True x, y of all robots, (n, 2), m."""
         return self._arena.poses[:, :2]
 
     @property
-    def obstacles(self) -> NDArray[np.float64]:
+    def obstacles(self) -> Floats:
         """x, y and radius of added obstacles, (o, 3), m."""
         return self._arena.obstacles
 
@@ -203,8 +203,7 @@ class Bodies:
     @property
     def driven(self) -> list[float]:
         """Distance covered by each robot, driven or pushed, m; relocations do not count."""
-        driven: list[float] = self._driven.tolist()
-        return driven
+        return self._driven.tolist()
 
     def truth(self, index: int) -> tuple[float, float, float, float, float, float]:
         """Return x, y, heading; vx, vy (map frame), omega."""

@@ -5,16 +5,14 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from actors import geometry
+from actors.array_types import Flags, Floats, Int64s, Octets, Records, UInt64s
 from actors.instant import seconds
-from actors.kernels import njit
+from actors.kernels import kernel
 from actors.portable import arrays
 from actors.portable.compiled import atan2, cos_sin, hypot
 from actors.robot_model import RobotModel
-
-Floats = NDArray[np.float64]
 
 LIMITS = np.dtype(
     [
@@ -37,7 +35,7 @@ def moment_of_inertia(model: RobotModel) -> float:
     return geometry.moment_of_inertia(model.footprint.vertices, model.mass)
 
 
-def limits(models: Sequence[RobotModel]) -> NDArray[np.void]:
+def limits(models: Sequence[RobotModel]) -> Records:
     """Return (n,) of LIMITS; angles are negative for a robot without bumper.
 
     The wheels, half-way out from the centre, slip above the angular acceleration `turn_grip`.
@@ -62,15 +60,15 @@ MEMORY = np.dtype(
 against pushes, as velocity change per sub-step, m/s and rad/s."""
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@kernel
 def drive_forces(
     state: Floats,
     commands: Floats,
-    issued_us: NDArray[np.int64],
+    issued_us: Int64s,
     now_us: int,
     dt: float,
-    limits: NDArray[np.void],
-    memory: NDArray[np.void],
+    limits: Records,
+    memory: Records,
     forces: Floats,
 ) -> None:
     """Compute the forces of all drives in the next sub-step, which follow commands within the limits.
@@ -107,7 +105,7 @@ def drive_forces(
         forces[i, 2] = limit.moment * turning / dt
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@kernel
 def _velocity_change(
     state: Floats, forward: float, leftward: float, vx: float, vy: float, dt: float, limit: Any, wheels: Any
 ) -> tuple[float, float]:
@@ -137,7 +135,7 @@ def _velocity_change(
     return ahead, aside
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@kernel
 def _holding_action(hold: float, slip: float, grip: float) -> float:
     """Return the holding action after a slip at this velocity: critically damped, with slow decay.
 
@@ -146,7 +144,7 @@ def _holding_action(hold: float, slip: float, grip: float) -> float:
     return min(max(0.995 * hold - slip / 4, -grip), grip)
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@kernel
 def _shortened(x: float, y: float, longest: float) -> tuple[float, float]:
     """Return the vector, shortened to at most `longest`."""
     length = hypot(x, y)
@@ -154,16 +152,16 @@ def _shortened(x: float, y: float, longest: float) -> tuple[float, float]:
     return x * share, y * share
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@kernel
 def set_bumpers(
     state: Floats,
-    pairs: NDArray[np.uint64],
+    pairs: UInt64s,
     normals: Floats,
-    numbers: NDArray[np.uint64],
-    bodies: NDArray[np.int64],
-    limits: NDArray[np.void],
-    bumpers: NDArray[np.uint8],
-    touching: NDArray[np.bool_],
+    numbers: UInt64s,
+    bodies: Int64s,
+    limits: Records,
+    bumpers: Octets,
+    touching: Flags,
 ) -> int:
     """Set the bumper bits of all contacts; return the number of contacts begun, except with people.
 
@@ -197,14 +195,14 @@ def set_bumpers(
     return begun
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
-def body_of(number: int, numbers: NDArray[np.uint64], bodies: NDArray[np.int64]) -> int:
+@kernel
+def body_of(number: int, numbers: UInt64s, bodies: Int64s) -> int:
     """Return the index of the body with this number, or −1; numbers: ascending."""
     place = np.searchsorted(numbers, number)
     return bodies[place] if place < numbers.size and numbers[place] == number else -1
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@kernel
 def _bumper_bit(bearing: float, limit: Any) -> np.uint8:
     """Return the bumper bit for a bearing relative to straight ahead: 1 right, 2 centre, 4 left, 0 none."""
     bearing -= 2 * math.pi * math.floor((bearing + math.pi) / (2 * math.pi))

@@ -6,20 +6,17 @@ from typing import Any, get_args
 
 import numpy as np
 from numpy.random import Generator
-from numpy.typing import NDArray
 
+from actors.array_types import Flags, Floats, Int64s, Records
 from actors.geometry import Pose, wrap
 from actors.instant import Duration, in_seconds
-from actors.kernels import njit
+from actors.kernels import kernel, njit
 from actors.messages import Odometry
 from actors.portable import arrays
 from actors.portable.compiled import cos_sin
 from actors.portable.draws import normals, uniforms
 from actors.robot_model import KobukiErrors, OdometryKind, RobotModel
 from actors.runtime.errors import AcrcError
-
-Floats = NDArray[np.float64]
-Indices = NDArray[np.int64]
 
 BASE = np.dtype(
     [
@@ -34,8 +31,8 @@ BASE = np.dtype(
 feedback, angle and bias of the gyro, sub-steps since power-on."""
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
-def add_scaled(track: Floats, robots: Indices, last: Floats, factors: Floats, estimates: Floats) -> None:
+@kernel
+def add_scaled(track: Floats, robots: Int64s, last: Floats, factors: Floats, estimates: Floats) -> None:
     """Add the motion along a track to estimates, each axis of the body's frame scaled by a factor.
 
     track (s, n, 3): poses after each sub-step; robots (k,): of this kind; last (n, 3): poses before; factors
@@ -53,12 +50,12 @@ def add_scaled(track: Floats, robots: Indices, last: Floats, factors: Floats, es
 @njit(cache=True)  # type: ignore[untyped-decorator]
 def add_measured(
     track: Floats,
-    robots: Indices,
+    robots: Int64s,
     last: Floats,
     normals: Floats,
     dt: float,
     model: tuple[float, float, float, float, float, float, int],
-    bases: NDArray[np.void],
+    bases: Records,
     estimates: Floats,
     velocities: Floats,
 ) -> None:
@@ -86,7 +83,7 @@ def add_measured(
                 _read_sensors(base, per_tick, resolution, every * dt, estimates[i], velocities[i])
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@kernel
 def _read_sensors(
     base: Any, per_tick: float, resolution: float, period: float, estimate: Floats, velocity: Floats
 ) -> None:
@@ -102,7 +99,7 @@ def _read_sensors(
     velocity[0], velocity[1], velocity[2] = forward / period, 0.0, turn / period
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@kernel
 def _motion(x: float, y: float, heading: float, pose: Floats) -> tuple[float, float, float]:
     """Return the motion to a pose: forward and leftward, m; turn in [−π, π), rad."""
     dx, dy = pose[0] - x, pose[1] - y
@@ -112,22 +109,22 @@ def _motion(x: float, y: float, heading: float, pose: Floats) -> tuple[float, fl
     return c * dx + s * dy, c * dy - s * dx, turn
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@kernel
 def _add_motion(estimate: Floats, heading: float, forward: float, leftward: float) -> None:
     c, s = cos_sin(heading)
     estimate[0] += c * forward - s * leftward
     estimate[1] += s * forward + c * leftward
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@kernel
 def write_odometry(
     last: Floats,
     origin: Floats,
     true: Floats,
     estimates: Floats,
     velocities: Floats,
-    exact: NDArray[np.bool_],
-    measured: NDArray[np.bool_],
+    exact: Flags,
+    measured: Flags,
     rows: Floats,
 ) -> None:
     """Write the odometry of each base, (n, 6): x, y, m, heading, rad, not wrapped, and velocity, m/s and
@@ -148,7 +145,7 @@ def write_odometry(
             rows[i, 5] = true[i, 2]
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@kernel
 def _rotated_back(heading: float, x: float, y: float) -> tuple[float, float]:
     """Return a vector in a frame rotated by this heading."""
     c, s = cos_sin(heading)
@@ -181,7 +178,7 @@ class Odometers:
         self,
         kinds: Sequence[str],
         models: Sequence[RobotModel],
-        poses: NDArray[np.float64],
+        poses: Floats,
         generators: Sequence[Generator],
         substep: Duration,
     ) -> None:
@@ -223,7 +220,7 @@ class Odometers:
             base["right_scale"] = 1 + right * kobuki.wheel_scale
             base["bias"] = bias * math.radians(kobuki.gyro_bias_deg)
 
-    def follow(self, track: NDArray[np.float64], velocities: NDArray[np.float64]) -> None:
+    def follow(self, track: Floats, velocities: Floats) -> None:
         """Add true motion, map frame.
 
         `track`: (substeps, n, 3), poses after each sub-step; `velocities`: (n, 3), at the end.

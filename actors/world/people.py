@@ -13,6 +13,7 @@ import numpy as np
 from msgspec import Meta
 from numpy.typing import NDArray
 
+from actors.array_types import Floats, Indices, UInt16s
 from actors.floor.doors import Doorways
 from actors.floor.grid import OccupancyGrid, largest_region
 from actors.floor.placement import Area, PlacementError, draw_points
@@ -26,8 +27,6 @@ from actors.world.social_force import (
     RADIUS,
     REACH,
     UNREACHED,
-    Costs,
-    Floats,
     guide,
     look_around,
     social_forces,
@@ -138,7 +137,7 @@ class Pedestrians:
         except PlacementError as error:
             raise PlacementError(f"people.count = {one.count}: {error}") from None
         self._trips = [_TripState() for _ in names]
-        self._costs: Costs = np.full((one.count, *self._room.shape), UNREACHED, np.uint16)
+        self._costs: UInt16s = np.full((one.count, *self._room.shape), UNREACHED, np.uint16)
         self._goals = [(0, 0)] * one.count
         self._wishes = np.zeros((one.count, 4))
         self._wishes[:, 3] = self.speeds
@@ -220,10 +219,9 @@ class Pedestrians:
     def _sampled(self, values: NDArray[np.float64]) -> Floats:
         """Return the values in the middle of each cell of the routes."""
         middle = self._every // 2
-        sampled: Floats = np.ascontiguousarray(values[middle :: self._every, middle :: self._every])
-        return sampled
+        return np.ascontiguousarray(values[middle :: self._every, middle :: self._every])
 
-    def _target_cells(self, setup: PeopleSetup) -> list[tuple[NDArray[np.intp], NDArray[np.intp]]]:
+    def _target_cells(self, setup: PeopleSetup) -> list[tuple[Indices, Indices]]:
         """Return rows and columns of the possible destinations in each room, door or area."""
         grid, between = self._grid, setup.parameters.between
         reached = self._sampled(np.where(largest_region(grid, RADIUS), grid.clearance, 0.0)) >= _FREE

@@ -8,10 +8,10 @@ from typing import Any, Final, NamedTuple
 
 import numpy as np
 import pymunk
-from numpy.typing import NDArray
 from pymunk import batch
 from pymunk._chipmunk import ffi, lib
 
+from actors.array_types import Floats, Octets, UInt64s
 from actors.geometry import Point, Pose, Twist
 from actors.instant import START, Duration, Instant, in_seconds, milliseconds
 from actors.portable import arrays, cos_sin
@@ -25,7 +25,7 @@ from actors.world.social_force import MASS, RADIUS, count_contacts
 class Shape(NamedTuple):
     """A rounded convex polygon: all points within `radius` of it. One vertex: a disc; two: a line."""
 
-    vertices: NDArray[np.float64]
+    vertices: Floats
     """Vertices, (n, 2), counter-clockwise, m in the map frame."""
     radius: float
 
@@ -57,7 +57,7 @@ def gap(a: Shape, b: Shape) -> float:
     return min(_border_distance(a.vertices, b.vertices), _border_distance(b.vertices, a.vertices)) - radii
 
 
-def wall_gap(shape: Shape, segments: NDArray[np.float64]) -> float:
+def wall_gap(shape: Shape, segments: Floats) -> float:
     """Return the smallest gap to wall segments (n, 4) within the shape's bounding box, m; inf without any."""
     low = shape.vertices.min(axis=0) - shape.radius
     high = shape.vertices.max(axis=0) + shape.radius
@@ -71,7 +71,7 @@ def smallest_gap(shape: Shape, others: Iterable[Shape]) -> float:
     return min((gap(shape, other) for other in others), default=math.inf)
 
 
-def _separation(a: NDArray[np.float64], b: NDArray[np.float64]) -> float:
+def _separation(a: Floats, b: Floats) -> float:
     """Return the largest separation of b from a along a's edge normals; −inf if a is a point."""
     if len(a) == 1:
         return -math.inf
@@ -81,7 +81,7 @@ def _separation(a: NDArray[np.float64], b: NDArray[np.float64]) -> float:
     return float((_products(b[:, None], normals).min(axis=0) - reach).max())
 
 
-def _border_distance(points: NDArray[np.float64], ring: NDArray[np.float64]) -> float:
+def _border_distance(points: Floats, ring: Floats) -> float:
     """Return the distance from the nearest point to the border of the ring."""
     edges = np.roll(ring, -1, axis=0) - ring
     lengths = np.maximum(_products(edges, edges), np.finfo(float).tiny)
@@ -91,10 +91,9 @@ def _border_distance(points: NDArray[np.float64], ring: NDArray[np.float64]) -> 
     return float(np.sqrt(_products(away, away).min()))
 
 
-def _products(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float64]:
+def _products(a: Floats, b: Floats) -> Floats:
     """Return the inner products of plane vectors: (…, 2) and (…, 2) to (…), as numpy broadcasts them."""
-    product: NDArray[np.float64] = a[..., 0] * b[..., 0] + a[..., 1] * b[..., 1]
-    return product
+    return a[..., 0] * b[..., 0] + a[..., 1] * b[..., 1]
 
 
 _STATE: Final = (
@@ -118,7 +117,7 @@ _CONTACT_ITERATOR: Final = ffi.addressof(lib, "pmSpaceArbiterIteratorFuncBatched
 class BodyExchange:
     """Exchanges forces and states with the bodies of one space, in the order of their addition."""
 
-    def __init__(self, space: pymunk.Space, forces: NDArray[np.float64]) -> None:
+    def __init__(self, space: pymunk.Space, forces: Floats) -> None:
         """Create an exchange; `forces`: (n + 1, 3), N, N, N m, read by `step`; the last row is the walls'."""
         self._space = space
         self._address = space._space
@@ -130,7 +129,7 @@ class BodyExchange:
         self._floats, self._states = self._force_buffer._float_arr, self._state_buffer._float_arr
         self._numbers, self._normals = self._contact_buffer._int_arr, self._contact_buffer._float_arr
         lib.cpSpaceEachBody(self._address, _BODY_READER, self._state_request)
-        self.states: NDArray[np.float64] = np.frombuffer(self._state_buffer.float_buf()).reshape(-1, 6)
+        self.states: Floats = np.frombuffer(self._state_buffer.float_buf()).reshape(-1, 6)
         """x, y, heading, vx, vy, omega after the last `step`, (n + 1, 6); `step` overwrites it."""
 
     def step(self, dt: float, *, whole: bool) -> None:
@@ -147,7 +146,7 @@ class BodyExchange:
         self._states.num = 0  # write from the begin
         lib.cpSpaceEachBody(self._address, _BODY_READER, self._state_request)
 
-    def contacts(self) -> tuple[NDArray[np.uint64], NDArray[np.float64]] | None:
+    def contacts(self) -> tuple[UInt64s, Floats] | None:
         """Return the contacts of the last sub-step; None without any. Valid until the next call.
 
         (m, 3): numbers of both bodies, and whether the contact is new; (m, 2): normals from first to second.
@@ -229,7 +228,7 @@ class Arena:
 
     def __init__(
         self,
-        segments: NDArray[np.float64],
+        segments: Floats,
         names: Sequence[str],
         models: Sequence[RobotModel],
         poses: Sequence[Pose],
@@ -246,7 +245,7 @@ class Arena:
         self._names = (*names, *(f"person {number}" for number in range(1, len(starts) + 1)))
         self._models = tuple(models)
         self._obstacles: list[tuple[float, float, float]] = []
-        self._doors: dict[int, tuple[NDArray[np.float64], list[pymunk.Shape]]] = {}
+        self._doors: dict[int, tuple[Floats, list[pymunk.Shape]]] = {}
         self._space = _space(segments)
         weakref.finalize(self, _empty, self._space).atexit = False
         self._bodies = [_body(self._space, model, pose) for model, pose in zip(models, poses, strict=True)]
@@ -273,7 +272,7 @@ class Arena:
         self._touched_us = np.full((len(starts), n), -SEPARATION - 1, np.int64)
         self.now: Instant = START
         """Instant of the states."""
-        self.bumpers: NDArray[np.uint8] = np.zeros(len(poses), np.uint8)
+        self.bumpers: Octets = np.zeros(len(poses), np.uint8)
         """Bumper bits pressed during the last `advance`, (n,); bit 0 right, 1 centre, 2 left."""
         self.contacts = 0
         """Contacts begun so far, between two robots or a robot and a static body."""
@@ -288,27 +287,27 @@ class Arena:
         return len(self._models)
 
     @property
-    def poses(self) -> NDArray[np.float64]:
+    def poses(self) -> Floats:
         """x, y in m, heading in rad in (−π, π], map frame, (n, 3)."""
         return _wrapped(self._state[:, :3])
 
     @property
-    def velocities(self) -> NDArray[np.float64]:
+    def velocities(self) -> Floats:
         """vx, vy in m/s, map frame, and omega in rad/s, (n, 3)."""
         return self._state[:, 3:].copy()
 
     @property
-    def people(self) -> NDArray[np.float64]:
+    def people(self) -> Floats:
         """x, y, m, and vx, vy, m/s, of all people, map frame, (p, 4)."""
         return self._whole[len(self) :, [0, 1, 3, 4]]
 
     @property
-    def obstacles(self) -> NDArray[np.float64]:
+    def obstacles(self) -> Floats:
         """x, y, radius of the round obstacles, m, (m, 3)."""
         return np.array(self._obstacles, dtype=np.float64).reshape(-1, 3)
 
     @property
-    def discs(self) -> NDArray[np.float64]:
+    def discs(self) -> Floats:
         """x, y, radius of the round obstacles and of all people, m, (m, 3)."""
         people = np.column_stack([self.people[:, :2], self._radii[len(self) :]])
         return np.concatenate([self.obstacles, people])
@@ -324,7 +323,7 @@ class Arena:
         self._commands[index] = twist
         self._issued_us[index] = instant
 
-    def advance(self, substeps: int = 1) -> NDArray[np.float64]:
+    def advance(self, substeps: int = 1) -> Floats:
         """Advance; return the poses after every sub-step, (substeps, n, 3)."""
         track = np.empty((substeps, len(self), 3))
         dt = in_seconds(SUBSTEP)
@@ -349,7 +348,7 @@ class Arena:
             track[k] = self._state[:, :3]
         return _wrapped(track)
 
-    def _count_people_contacts(self, pairs: NDArray[np.uint64]) -> None:
+    def _count_people_contacts(self, pairs: UInt64s) -> None:
         known = self._numbers, self._order, len(self)
         begun, touching = count_contacts(pairs, *known, self.now, SEPARATION, self._touched_us)
         self.people_contacts += begun
@@ -393,11 +392,11 @@ class Arena:
                     f"it would overlap {name}"
                 )
 
-    def is_obstructed(self, segments: NDArray[np.float64]) -> bool:
+    def is_obstructed(self, segments: Floats) -> bool:
         """Return whether a robot or person stands on a door of these segments, (n, 4)."""
         return any(wall_gap(shape, segments) < 0 for shape in self._shapes())
 
-    def close_door(self, door: int, segments: NDArray[np.float64]) -> None:
+    def close_door(self, door: int, segments: Floats) -> None:
         """Add the segments of a door; none may obstruct them."""
         ends = [((x0, y0), (x1, y1)) for x0, y0, x1, y1 in segments.tolist()]
         shapes = [_static(pymunk.Segment(self._space.static_body, *line, 0.0)) for line in ends]
@@ -418,7 +417,7 @@ class Arena:
             self._people.set_floor(walls, self.obstacles, walls[len(self._segments) :])
 
     @property
-    def _walls(self) -> NDArray[np.float64]:
+    def _walls(self) -> Floats:
         """Segments of the floor plan and of closed doors, (n, 4)."""
         return np.concatenate([self._segments, *(segments for segments, _ in self._doors.values())])
 
@@ -446,7 +445,7 @@ class Arena:
                 )
 
 
-def _space(segments: NDArray[np.float64]) -> pymunk.Space:
+def _space(segments: Floats) -> pymunk.Space:
     space = pymunk.Space()
     space.iterations = _ITERATIONS
     space.collision_slop = _SLOP_M
@@ -495,7 +494,7 @@ def _person(space: pymunk.Space, at: Point) -> pymunk.Body:
     return body
 
 
-def _wrapped(poses: NDArray[np.float64]) -> NDArray[np.float64]:
+def _wrapped(poses: Floats) -> Floats:
     """Return a copy with headings in (−π, π]."""
     copy = poses.copy()
     copy[..., 2] = np.pi - np.mod(np.pi - copy[..., 2], 2 * np.pi)

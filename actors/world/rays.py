@@ -4,8 +4,8 @@ import math
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from actors.array_types import Floats, Int64s, Octets, Records, UInt16s
 from actors.floor.raster import (
     Ray,
     bearing_to,
@@ -16,11 +16,9 @@ from actors.floor.raster import (
     square_at,
     window,
 )
-from actors.kernels import njit
+from actors.kernels import kernel, njit
 from actors.portable import arrays
 from actors.portable.compiled import cos_sin, hypot
-
-Floats = NDArray[np.float64]
 
 SENSOR = np.dtype(
     [
@@ -39,9 +37,7 @@ BODY = np.dtype(
 
 
 @njit(cache=True, error_model="numpy")  # type: ignore[untyped-decorator]
-def cast(
-    squares: NDArray[np.uint8], x: float, y: float, directions: Floats, reach: float, distances: Floats
-) -> None:
+def cast(squares: Octets, x: float, y: float, directions: Floats, reach: float, distances: Floats) -> None:
     """Compute distances from (x, y) to the first blocking cell along unit vectors (2, n); inf beyond reach.
 
     squares: of `free_squares`; distances (n,), written. Units are cells; the distance is 0 from a blocking
@@ -63,7 +59,7 @@ def cast(
 
 @njit(cache=True, error_model="numpy")  # type: ignore[untyped-decorator]
 def _first_leap(
-    sides: NDArray[np.uint8],
+    sides: Octets,
     x: float,
     y: float,
     dx: Floats,
@@ -107,7 +103,7 @@ def _first_leap(
 
 @njit(cache=True, error_model="numpy")  # type: ignore[untyped-decorator]
 def _remaining_distance(
-    squares: NDArray[np.uint8], line: Ray, column: int, row: int, distance: float, reach: float
+    squares: Octets, line: Ray, column: int, row: int, distance: float, reach: float
 ) -> float:
     """Return the distance to the first blocking cell of a ray from a cell on its way; inf beyond reach."""
     if distance > reach:
@@ -124,7 +120,7 @@ def _remaining_distance(
     return distance
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@kernel
 def _to_disc(x: float, y: float, radius: float, dx: float, dy: float) -> float:
     """Return the distance from the origin along (dx, dy) to a disc around (x, y); inf without a hit."""
     along = x * dx + y * dy
@@ -136,7 +132,7 @@ def _to_disc(x: float, y: float, radius: float, dx: float, dy: float) -> float:
     return max(along - half, 0.0) if along + half >= 0 else math.inf
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@kernel
 def _to_polygon(ring: Floats, dx: float, dy: float) -> float:
     """Return the distance to a convex polygon (n, 2), counter-clockwise: where the ray is inside all edges.
 
@@ -157,7 +153,7 @@ def _to_polygon(ring: Floats, dx: float, dy: float) -> float:
     return enter if enter <= leave else math.inf
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@kernel
 def _occlude(
     x: float,
     y: float,
@@ -181,7 +177,7 @@ def _occlude(
             ranges[k] = min(ranges[k], found)
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@kernel
 def _vertices_at(body: Any, pose: Floats, vertices: Floats, x: float, y: float) -> Floats:
     """Return the (n, 2) vertices of a body at a pose relative to (x, y), map frame."""
     ring = np.empty((body.vertices, 2))
@@ -193,20 +189,20 @@ def _vertices_at(body: Any, pose: Floats, vertices: Floats, x: float, y: float) 
     return ring
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@kernel
 def sweep(
-    squares: NDArray[np.uint8],
+    squares: Octets,
     resolution: float,
     west: float,
     south: float,
-    due: NDArray[np.int64],
+    due: Int64s,
     poses: Floats,
-    sensors: NDArray[np.void],
+    sensors: Records,
     table: Floats,
-    bodies: NDArray[np.void],
+    bodies: Records,
     vertices: Floats,
     obstacles: Floats,
-    starts: NDArray[np.int64],
+    starts: Int64s,
     ranges: Floats,
 ) -> None:
     """Compute the true ranges of all due sensors, m; inf beyond a sensor's reach.
@@ -247,14 +243,14 @@ def sweep(
                 found[k] = math.inf
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@kernel
 def report_ranges(
     ranges: Floats,
     normals: Floats,
-    due: NDArray[np.int64],
-    sensors: NDArray[np.void],
-    starts: NDArray[np.int64],
-    report: NDArray[np.uint16],
+    due: Int64s,
+    sensors: Records,
+    starts: Int64s,
+    report: UInt16s,
 ) -> None:
     """Convert true ranges, (n,) m, to reported ones with noise, (n,) mm; 65535 = no echo.
 

@@ -8,8 +8,8 @@ from typing import Final
 import msgspec
 import numpy as np
 from numpy.random import Generator
-from numpy.typing import NDArray
 
+from actors.array_types import Floats, Records, UInt16s
 from actors.floor.grid import OccupancyGrid
 from actors.floor.raster import free_squares
 from actors.messages import NO_ECHO_MM, RobotTruth
@@ -51,9 +51,7 @@ class RangeSensors:
         self._grid = grid
         self._squares = free_squares(grid.blocking)
 
-    def scan(
-        self, due: Sequence[int], poses: NDArray[np.float64], obstacles: NDArray[np.float64]
-    ) -> list[NDArray[np.uint16]]:
+    def scan(self, due: Sequence[int], poses: Floats, obstacles: Floats) -> list[UInt16s]:
         """Return a scan of each robot in `due`: (rays,) mm, 65535 = no echo.
 
         `poses`: (n, 3) of all robots; `obstacles`: (m, 3) x, y, radius; m, rad, map frame.
@@ -63,9 +61,11 @@ class RangeSensors:
         ends = rays.cumsum()
         starts = ends - rays
         ranges = np.empty(int(ends[-1]) if ends.size else 0)
-        floor = self._squares, self._grid.resolution, *self._grid.origin
-        carriers = robots, poses, self._sensors, self._table, self._bodies, self._vertices
-        sweep(*floor, *carriers, obstacles, starts, ranges)
+        plan = self._grid
+        sweep(
+            self._squares, plan.resolution, *plan.origin, robots, poses, self._sensors, self._table,
+            self._bodies, self._vertices, obstacles, starts, ranges,
+        )  # fmt: skip
         draws = normals_of_each([self._generators[i] for i in due], [self._draws[i] for i in due])
         report = np.empty(ranges.size, np.uint16)
         report_ranges(ranges, draws, robots, self._sensors, starts, report)
@@ -76,7 +76,7 @@ class RangeSensors:
         return [report[begin:end] for begin, end in pairwise(bounds)]
 
 
-def _sensors(sensors: Sequence[RangeSensor]) -> tuple[NDArray[np.void], NDArray[np.float64]]:
+def _sensors(sensors: Sequence[RangeSensor]) -> tuple[Records, Floats]:
     """Return (n,) of SENSOR, and the (m, 2) ray directions of all distinct sensors."""
     different = list(dict.fromkeys(sensors))
     angles = [scan_angles(sensor) for sensor in different]
@@ -91,7 +91,7 @@ def _sensors(sensors: Sequence[RangeSensor]) -> tuple[NDArray[np.void], NDArray[
     return np.array(rows, SENSOR), table
 
 
-def _bodies(models: Sequence[RobotModel]) -> tuple[NDArray[np.void], NDArray[np.float64]]:
+def _bodies(models: Sequence[RobotModel]) -> tuple[Records, Floats]:
     """Return (n,) of BODY, and the (v, 2) vertices of all polygons."""
     vertices: list[tuple[float, float]] = []
     rows = []

@@ -22,15 +22,12 @@ import math
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
-from actors.kernels import njit
+from actors.array_types import Flags, Floats, Int64s, UInt16s, UInt64s
+from actors.kernels import kernel, njit
 from actors.portable import arrays
 from actors.portable.compiled import atan2, exp, hypot
 from actors.world.drive import body_of
-
-Floats = NDArray[np.float64]
-Costs = NDArray[np.uint16]
 
 RADIUS: Final = 0.25
 """Radius of a person's body, m: the least of Helbing, Farkas and Vicsek, Nature 407, 487 (2000)."""
@@ -46,20 +43,20 @@ _STOP, _BRAKING = 0.05, 2.0
 UNREACHED: Final = 65535
 """Cost of a cell from which no path leads to the destination."""
 _STRAIGHT, _DIAGONAL, _NARROW = 5, 7, 3
-"""Costs of a step to a neighbouring cell, and their factor where the route is near a wall."""
+"""UInt16s of a step to a neighbouring cell, and their factor where the route is near a wall."""
 _COMFORT: Final = 0.45
 """Distance from walls that routes keep where there is room, m."""
 _AHEAD: Final = 25
 """Cells of a route that a person looks ahead."""
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@kernel
 def social_forces(
     state: Floats,
     robots: int,
     radii: Floats,
     wishes: Floats,
-    sees: NDArray[np.bool_],
+    sees: Flags,
     walls: Floats,
     obstacles: Floats,
     dt: float,
@@ -98,7 +95,7 @@ def social_forces(
         forces[person, 2] = 0.0
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@kernel
 def _direction(x: float, y: float) -> tuple[float, float, float]:
     """Return the length of a vector, at least 1e-6, and the vector divided by it."""
     length = max(hypot(x, y), 1e-6)
@@ -122,7 +119,7 @@ def _interaction(
     return slowing * along_x - turning * along_y, slowing * along_y + turning * along_x
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@kernel
 def _away_from_walls(x: float, y: float, walls: Floats, obstacles: Floats) -> tuple[float, float]:
     """Return f_wall, m/s², at a point."""
     nearest, away_x, away_y = REACH, 0.0, 0.0
@@ -145,12 +142,12 @@ def _away_from_walls(x: float, y: float, walls: Floats, obstacles: Floats) -> tu
     return strength * away_x, strength * away_y
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
-def travel_costs(room: Floats, row: int, column: int, costs: Costs) -> None:
+@kernel
+def travel_costs(room: Floats, row: int, column: int, costs: UInt16s) -> None:
     """Compute the cost of the cheapest path from every cell to (row, column).
 
     room (rows, columns): distance of each cell's centre from walls, m; costs, written: UNREACHED without a
-    path. A path leads over cells where a person has room. Costs are whole numbers: the result is exact.
+    path. A path leads over cells where a person has room. UInt16s are whole numbers: the result is exact.
     """
     rows, columns = room.shape
     costs[:] = UNREACHED
@@ -177,8 +174,8 @@ def travel_costs(room: Floats, row: int, column: int, costs: Costs) -> None:
                         count += 1
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
-def guide(cells: Floats, room: Floats, costs: Costs, wishes: Floats, left: NDArray[np.int64]) -> None:
+@kernel
+def guide(cells: Floats, room: Floats, costs: UInt16s, wishes: Floats, left: Int64s) -> None:
     """Point each walking person to the farthest visible point of the route.
 
     cells (p, 2): x and y in cells from the map's corner; room: as for `travel_costs`; costs (p, rows,
@@ -203,8 +200,8 @@ def guide(cells: Floats, room: Floats, costs: Costs, wishes: Floats, left: NDArr
         _, wishes[person, 0], wishes[person, 1] = _direction(target_column + 0.5 - x, target_row + 0.5 - y)
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
-def _next_cell(costs: Costs, row: int, column: int) -> tuple[int, int]:
+@kernel
+def _next_cell(costs: UInt16s, row: int, column: int) -> tuple[int, int]:
     """Return the cheapest cell among a cell and its neighbours."""
     rows, columns = costs.shape
     best_row, best_column = row, column
@@ -215,7 +212,7 @@ def _next_cell(costs: Costs, row: int, column: int) -> tuple[int, int]:
     return best_row, best_column
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@kernel
 def _has_room(room: Floats, x: float, y: float, to_x: float, to_y: float, least: float) -> bool:
     """Return whether all cells on a line, but the first, have more room than `least`, m."""
     rows, columns = room.shape
@@ -231,8 +228,8 @@ def _has_room(room: Floats, x: float, y: float, to_x: float, to_y: float, least:
     return True
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
-def look_around(cells: Floats, robots: int, room: Floats, reach: float, sees: NDArray[np.bool_]) -> None:
+@kernel
+def look_around(cells: Floats, robots: int, room: Floats, reach: float, sees: Flags) -> None:
     """Compute which robots and people each person sees: near, and without a wall between.
 
     cells (n, 2): x and y of robots, then people, in cells; reach: REACH in cells; sees (p, n), written.
@@ -245,15 +242,15 @@ def look_around(cells: Floats, robots: int, room: Floats, reach: float, sees: ND
             sees[person, other] = near and _has_room(room, x, y, to_x, to_y, 0.0)
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@kernel
 def count_contacts(
-    pairs: NDArray[np.uint64],
-    numbers: NDArray[np.uint64],
-    bodies: NDArray[np.int64],
+    pairs: UInt64s,
+    numbers: UInt64s,
+    bodies: Int64s,
     robots: int,
     now_us: int,
     separation_us: int,
-    last_us: NDArray[np.int64],
+    last_us: Int64s,
 ) -> tuple[int, int]:
     """Return the contacts between robots and people begun, and the number of touching pairs.
 

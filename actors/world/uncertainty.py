@@ -10,8 +10,8 @@ from typing import Annotated, Final, NamedTuple, TypeVar
 import numpy as np
 from msgspec import Meta, structs
 from numpy.random import Generator
-from numpy.typing import NDArray
 
+from actors.array_types import Floats, Octets
 from actors.floor.grid import FREE, OCCUPIED, OccupancyGrid
 from actors.floor.placement import PlacementError, draw_points
 from actors.geometry import Point
@@ -98,7 +98,7 @@ def with_drift(model: RobotModel, dose: Uncertainty) -> RobotModel:
     return structs.replace(model, stage_errors=stage, kobuki_errors=kobuki)
 
 
-def _shifted(plan: OccupancyGrid, error: float, generator: Generator) -> NDArray[np.uint8]:
+def _shifted(plan: OccupancyGrid, error: float, generator: Generator) -> Octets:
     """Return the cells displaced by a smooth random field; walls stay without gaps."""
     rows, columns = np.indices(plan.cells.shape).astype(np.float64)
     down, across = (_smooth(plan, generator) * (error / plan.resolution) for _ in range(2))
@@ -111,7 +111,7 @@ def _shifted(plan: OccupancyGrid, error: float, generator: Generator) -> NDArray
     return np.where(blocked, OCCUPIED, rest).astype(np.uint8)
 
 
-def _smooth(plan: OccupancyGrid, generator: Generator) -> NDArray[np.float64]:
+def _smooth(plan: OccupancyGrid, generator: Generator) -> Floats:
     """Return (rows, columns): standard normal at lattice points, bilinear in between."""
     spacing = _LATTICE / plan.resolution
     shape = (int(plan.rows / spacing) + 2, int(plan.columns / spacing) + 2)
@@ -121,13 +121,10 @@ def _smooth(plan: OccupancyGrid, generator: Generator) -> NDArray[np.float64]:
     y, x = row[:, None] - r, column[None, :] - c
     south = lattice[r, c] * (1 - x) + lattice[r, c + 1] * x
     north = lattice[r + 1, c] * (1 - x) + lattice[r + 1, c + 1] * x
-    smooth: NDArray[np.float64] = south * (1 - y) + north * y
-    return smooth
+    return south * (1 - y) + north * y
 
 
-def _without_glass(
-    plan: OccupancyGrid, cells: NDArray[np.uint8], share: float, generator: Generator
-) -> NDArray[np.uint8]:
+def _without_glass(plan: OccupancyGrid, cells: Octets, share: float, generator: Generator) -> Octets:
     rows, columns = np.indices(cells.shape)
     side = max(round(_PANE / plan.resolution), 1)
     panes = generator.random((plan.rows // side + 1, plan.columns // side + 1)) < share

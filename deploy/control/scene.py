@@ -9,12 +9,12 @@ from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
-from numpy.typing import NDArray
 from PIL import Image
 
 from acrc_testbed.explanation.episodes import STANDARD, ObservedActivity
 from acrc_testbed.run_model.data import RunData
 from acrc_testbed.run_model.simulated_runs import run_model
+from actors.array_types import Floats
 from actors.floor.doors import DoorError, Doorways
 from actors.floor.grid import FREE, UNKNOWN, OccupancyGrid
 from actors.instant import in_seconds
@@ -130,7 +130,7 @@ class Scene:
             robot: ObservedActivity(robot, has_items=bool(count) or not setup.task.declaration.lists_items)
             for robot, count in counts.items()
         }
-        self._trail: deque[tuple[float, NDArray[np.float64]]] = deque(maxlen=int(TRAIL_S / TRAIL_STEP_S) + 1)
+        self._trail: deque[tuple[float, Floats]] = deque(maxlen=int(TRAIL_S / TRAIL_STEP_S) + 1)
         """Times, s, and poses of all robots, (robots, 3)."""
         self._pending: OrderedDict[str, tuple[Order, ...]] = OrderedDict()
         self._obstacles: dict[int, UnmappedObstacle] = {}

@@ -12,9 +12,9 @@ from matplotlib.colors import to_rgba
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Circle, Patch, Polygon, Wedge
-from numpy.typing import NDArray
 
 from acrc_testbed.picture import floor_picture, marks, style
+from actors.array_types import Floats
 from actors.floor.grid import OccupancyGrid
 from actors.geometry import Point
 from actors.observer import glyphs
@@ -109,7 +109,7 @@ def _draw_radio(axes: Axes, found: ScenarioSurvey) -> None:
             axes.contour(x, y, np.where(free, margin, np.nan), colors=[style.colour(index)], **contour_style)
 
 
-def _link_margins(resolved: ResolvedScenario, grid: OccupancyGrid) -> list[NDArray[np.float64]]:
+def _link_margins(resolved: ResolvedScenario, grid: OccupancyGrid) -> list[Floats]:
     """Return the link margin from each robot's start, dB, (rows, columns) of a lattice over the map.
 
     At 0 dB half of the longest frames arrive. Lattice points are `_LATTICE` apart.
@@ -123,7 +123,7 @@ def _link_margins(resolved: ResolvedScenario, grid: OccupancyGrid) -> list[NDArr
     return [(budget - row).reshape(len(y), len(x)) for row in loss]
 
 
-def _lattice(grid: OccupancyGrid) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def _lattice(grid: OccupancyGrid) -> tuple[Floats, Floats]:
     """Return the coordinates x and y of the lattice, m."""
     spans = ((grid.origin.x, grid.corner.x), (grid.origin.y, grid.corner.y))
     x, y = (np.arange(begin + _LATTICE / 2, end, _LATTICE, np.float64) for begin, end in spans)

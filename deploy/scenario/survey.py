@@ -10,8 +10,8 @@ from typing import Any, Final, NamedTuple
 
 import msgspec
 import numpy as np
-from numpy.typing import NDArray
 
+from actors.array_types import Flags, Int32s
 from actors.floor import raster
 from actors.floor.doors import Doorways, Regions, regions
 from actors.floor.grid import (
@@ -76,7 +76,7 @@ class _RobotFloor(NamedTuple):
     """Clearance that the local planner needs at any heading, m."""
     door: float
     """Minimum width of doors that both planners always pass, m."""
-    parts: NDArray[np.int32]
+    parts: Int32s
     """(rows, columns): labels of connected parts of the floor, from 1 on; 0: too narrow."""
 
 
@@ -342,7 +342,7 @@ class MapSurvey:
     grid: OccupancyGrid
     radius: float
     """Radius of the robot for which it was surveyed, m; in a scenario that of the largest robot."""
-    reached: NDArray[np.bool_]
+    reached: Flags
     """(rows, columns): cells that its centre can reach from the starts, or in the largest part."""
     parts: Regions
     """Regions of the floor wide enough for it, and the doors between them."""

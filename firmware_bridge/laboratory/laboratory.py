@@ -8,8 +8,8 @@ from typing import Annotated, Any, Final, NamedTuple
 import msgspec
 import numpy as np
 from numpy.random import Generator
-from numpy.typing import NDArray
 
+from actors.array_types import Floats
 from actors.floor.grid import OccupancyGrid
 from actors.geometry import Pose
 from actors.instant import START, Duration, Instant, in_seconds, milliseconds
@@ -147,11 +147,11 @@ class LaboratoryScanners:
         lidars = [_with_lidar(model) for model in models]
         self._sensors = RangeSensors(grid, lidars, generators)
         self._first = lidars[0].sensor.first_angle if lidars else 0.0
-        self.poses: NDArray[np.float64] = np.zeros((len(models), 3))
+        self.poses: Floats = np.zeros((len(models), 3))
         """Poses of the bodies, (n, 3), m, rad, map frame."""
-        self._obstacles: NDArray[np.float64] = np.empty((0, 3))
+        self._obstacles: Floats = np.empty((0, 3))
 
-    def set_state(self, poses: Sequence[tuple[float, ...]], obstacles: NDArray[np.float64]) -> None:
+    def set_state(self, poses: Sequence[tuple[float, ...]], obstacles: Floats) -> None:
         """Set poses of the bodies, and obstacles: (n, 3), x, y and radius, m."""
         self.poses[:] = poses
         self._obstacles = obstacles
@@ -159,12 +159,11 @@ class LaboratoryScanners:
     def range_function(self, index: int) -> RangeFunction:
         """Return the range function of one robot's lidar."""
 
-        def ranges_at(angles: NDArray[np.float64]) -> NDArray[np.float64]:
+        def ranges_at(angles: Floats) -> Floats:
             (ranges_mm,) = self._sensors.scan([index], self.poses, self._obstacles)
             rays = np.rint((angles - self._first) / (math.tau / _RAYS)).astype(np.intp) % _RAYS
             echoes_mm = ranges_mm[rays]
-            ranges: NDArray[np.float64] = np.where(echoes_mm == NO_ECHO_MM, np.inf, echoes_mm / 1000)
-            return ranges
+            return np.where(echoes_mm == NO_ECHO_MM, np.inf, echoes_mm / 1000)
 
         return ranges_at
 

@@ -15,6 +15,7 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from actors.array_types import Flags, Floats
 from actors.geometry import Pose, wrap
 from actors.instant import Duration, Instant, milliseconds, seconds
 from actors.portable import arrays
@@ -64,7 +65,7 @@ def load_kernels() -> None:
     arrays.hypot(np.zeros(1), np.zeros(1))
 
 
-def chosen_samples(sweep: SensorSweep, chosen: NDArray[np.bool_] | slice) -> SensorSweep:
+def chosen_samples(sweep: SensorSweep, chosen: Flags | slice) -> SensorSweep:
     """Return some samples of a sweep."""
     return SensorSweep(sweep.stamps[chosen], sweep.angles[chosen], sweep.ranges[chosen])
 
@@ -90,22 +91,21 @@ def echo_positions(
     angles = mount.heading + (-angles if hypothesis.mirrored else angles)
     poses = track.at(sweep.stamps - hypothesis.late_us)
     on_body = complex(mount.x, mount.y) + sweep.ranges * direction(angles)
-    points: NDArray[np.complex128] = poses.position + direction(poses.heading) * on_body
-    return points
+    return poses.position + direction(poses.heading) * on_body
 
 
-def distances(points: NDArray[np.complex128], room: NDArray[np.complex128]) -> NDArray[np.float64]:
+def distances(points: NDArray[np.complex128], room: NDArray[np.complex128]) -> Floats:
     """Return the distance of each point from the walls formed by neighbouring points of the room: (n,), m."""
     begins, along = room[:-1], np.diff(room)
     squares = along.real * along.real + along.imag * along.imag
     joined = (squares > 0) & (squares <= _GAP * _GAP)
     offsets = points[:, None] - begins
     shares = (offsets * along.conj()).real * np.where(joined, 1.0 / np.where(joined, squares, 1.0), 0.0)
-    nearest: NDArray[np.float64] = np.abs(offsets - np.clip(shares, 0.0, 1.0) * along).min(axis=1)
+    nearest: Floats = np.abs(offsets - np.clip(shares, 0.0, 1.0) * along).min(axis=1)
     return nearest
 
 
-def sectors(chosen: NDArray[np.bool_], count: int = 12) -> int:
+def sectors(chosen: Flags, count: int = 12) -> int:
     """Return the number of equal parts of the sweep with at least two chosen samples."""
     parts = np.array_split(chosen, count)
     return sum(np.count_nonzero(part) >= 2 for part in parts)
@@ -159,7 +159,7 @@ _HYPOTHESES: Final = (
 )
 
 
-def explained_points(cause: HoldCause, measured: NDArray[np.float64], assumed: NDArray[np.float64]) -> int:
+def explained_points(cause: HoldCause, measured: Floats, assumed: Floats) -> int:
     """Return how many more points fit under the hypothesis; 0 if it does not explain the misfit.
 
     `measured`, `assumed`: (n,) misfits as measured, and under the hypothesis.
@@ -226,7 +226,7 @@ class ScanChecks:
         return None
 
     def _best_hypothesis(
-        self, earlier: SensorSweep, tracks: Mapping[SuspectSensor, PoseTrack], measured: NDArray[np.float64]
+        self, earlier: SensorSweep, tracks: Mapping[SuspectSensor, PoseTrack], measured: Floats
     ) -> HoldCause | None:
         """Return the cause of the hypothesis that explains most points, if any."""
         track = tracks[SuspectSensor.NONE]
@@ -257,7 +257,7 @@ class ScanChecks:
                     return earlier
         return None
 
-    def _misfit(self, earlier: SensorSweep, track: PoseTrack, hypothesis: Hypothesis) -> NDArray[np.float64]:
+    def _misfit(self, earlier: SensorSweep, track: PoseTrack, hypothesis: Hypothesis) -> Floats:
         """Return distances of the last sweep's points from the earlier room, in units of the tolerance:
         (n,)."""
         if earlier.ranges.size < _MIN_POINTS:
@@ -265,8 +265,7 @@ class ScanChecks:
         later = large_objects(self._sweeps[-1])
         later = chosen_samples(later, slice(None, None, max(1, later.ranges.size // _POINTS)))
         room, points = (echo_positions(sweep, self._mount, track, hypothesis) for sweep in (earlier, later))
-        misfit: NDArray[np.float64] = distances(points, room) / (_NEAR + _NEAR_SHARE * later.ranges)
-        return misfit
+        return distances(points, room) / (_NEAR + _NEAR_SHARE * later.ranges)
 
 
 def has_contact_ahead(earlier: SensorSweep, later: SensorSweep, mount: Pose, track: PoseTrack) -> bool:

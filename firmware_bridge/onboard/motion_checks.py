@@ -13,6 +13,7 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from actors.array_types import Floats, Int64s
 from actors.instant import Duration, Instant, milliseconds, seconds
 from actors.portable import arrays
 from firmware_bridge.kobuki.kobuki_motion import TRACK
@@ -48,13 +49,13 @@ class Movement(NamedTuple):
 class PoseTrack(NamedTuple):
     """Poses at several times, in a local frame."""
 
-    instants: NDArray[np.int64]
+    instants: Int64s
     position: NDArray[np.complex128]
     """x + iy, m."""
-    heading: NDArray[np.float64]
+    heading: Floats
     """Unwrapped, rad."""
 
-    def at(self, instants: NDArray[np.int64]) -> "PoseTrack":
+    def at(self, instants: Int64s) -> "PoseTrack":
         """Return interpolated poses, constant before the first and after the last one."""
         before = np.maximum(np.searchsorted(self.instants, instants, side="right") - 1, 0)
         after = np.minimum(before + 1, self.instants.size - 1)
@@ -65,10 +66,9 @@ class PoseTrack(NamedTuple):
         return PoseTrack(instants, position, heading)
 
 
-def direction(angles: NDArray[np.float64]) -> NDArray[np.complex128]:
+def direction(angles: Floats) -> NDArray[np.complex128]:
     """Return unit vectors as complex numbers."""
-    units: NDArray[np.complex128] = arrays.cos(angles) + 1j * arrays.sin(angles)
-    return units
+    return arrays.cos(angles) + 1j * arrays.sin(angles)
 
 
 def pose_track(moves: Sequence[Movement], suspect: SuspectSensor) -> PoseTrack:
@@ -151,9 +151,7 @@ class MotionChecks:
         return HoldCause.BUMPER_STUCK if self._backed > _STUCK_AFTER else None
 
 
-def _turn_fault(
-    travelled: NDArray[np.float64], commanded: NDArray[np.float64], gyro: float
-) -> HoldCause | None:
+def _turn_fault(travelled: Floats, commanded: Floats, gyro: float) -> HoldCause | None:
     """Compare wheels and gyro; the command decides which of them is faulty, if unambiguous.
 
     `travelled`, `commanded`: measured and commanded distances of left and right wheel, (2,), m.
@@ -172,9 +170,7 @@ def _turn_fault(
     return HoldCause.TURN_MISMATCH
 
 
-def _blocking_fault(
-    times: NDArray[np.float64], travelled: NDArray[np.float64], commanded: NDArray[np.float64]
-) -> HoldCause | None:
+def _blocking_fault(times: Floats, travelled: Floats, commanded: Floats) -> HoldCause | None:
     """Compare wheels and command over the shortest sufficient time.
 
     `times`: (n,), µs; `travelled`, `commanded`: measured and commanded distances, (2, n), m, back from now.

@@ -13,8 +13,8 @@ from collections.abc import Callable
 from typing import Any, Final, NamedTuple, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
+from actors.array_types import Floats, UInt16s
 from actors.instant import Duration, Instant, milliseconds
 from actors.portable import atan, tan
 from actors.robot_model import RangeSensor as SensorModel
@@ -40,7 +40,7 @@ class DepthError(AcrcError):
     """Mismatch of depth camera and robot model."""
 
 
-def column_slopes() -> NDArray[np.float64]:
+def column_slopes() -> Floats:
     """Return the slope of each column to the right of the optical axis: (WIDTH,), m per m."""
     focal_length = WIDTH / 2 / tan(math.radians(FIELD_OF_VIEW_DEG) / 2)
     return (np.arange(WIDTH, dtype=np.float64) - (WIDTH - 1) / 2) / focal_length
@@ -73,7 +73,7 @@ class DepthScanner(RangeReader):
         """Return whether a recent image has echoes."""
         return self._seen is not None and now - self._seen <= SIGHT
 
-    def take(self, stamp: Instant, depth: NDArray[np.uint16]) -> None:
+    def take(self, stamp: Instant, depth: UInt16s) -> None:
         """Process the image at `stamp`: (HEIGHT, WIDTH), mm along the axis; 0 = no measurement.
 
         An image without echoes (covered, dark, or everything too near) gives no scan.
@@ -100,7 +100,7 @@ _RETRY_S: Final = 1.0
 class Camera(Protocol):
     """Source of depth images."""
 
-    def read(self, patience: float) -> NDArray[np.uint16] | None:
+    def read(self, patience: float) -> UInt16s | None:
         """Return the next image, mm; None after a timeout of `patience` s."""
 
     def close(self) -> None:
@@ -111,7 +111,7 @@ class Image(NamedTuple):
     """A depth image with its time of arrival."""
 
     stamp: Instant
-    depth: NDArray[np.uint16]
+    depth: UInt16s
 
 
 class CameraFeed:
@@ -234,7 +234,7 @@ class OpenNICamera:
             self.close()
             raise
 
-    def read(self, patience: float) -> NDArray[np.uint16] | None:
+    def read(self, patience: float) -> UInt16s | None:
         """Return the next image, (height, width), mm, unmirrored; None after `patience` s. Raises
         CameraError."""
         library = self._library
@@ -296,7 +296,7 @@ class OpenNICamera:
             )
 
 
-def _image(frame: _Frame) -> NDArray[np.uint16]:
+def _image(frame: _Frame) -> UInt16s:
     """Return a copy of the frame's pixels, (height, width)."""
     if frame.stride < 2 * frame.width or frame.stride * frame.height > frame.size or not frame.data:
         raise CameraError(

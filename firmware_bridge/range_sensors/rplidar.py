@@ -12,8 +12,8 @@ from enum import Enum, IntEnum
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from actors.array_types import Floats
 from actors.instant import Duration, Instant, milliseconds
 from actors.robot_model import RangeSensor as SensorModel
 from firmware_bridge.kobuki.safety import HoldCause
@@ -359,7 +359,7 @@ class Rplidar(RangeReader):
         self.store_sweep(Instant((self._turn_began + now) // 2), sweep)
         self._still.take(angles, turn[:, 1].astype(np.int64))
 
-    def _whole(self, angles_q6: NDArray[np.float64]) -> bool:
+    def _whole(self, angles_q6: Floats) -> bool:
         """Return whether a turn has enough samples in all directions."""
         if not FEWEST <= angles_q6.size <= MOST:
             return False

@@ -5,8 +5,8 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.random import Generator
-from numpy.typing import NDArray
 
+from actors.array_types import Floats
 from actors.instant import START, Instant, in_seconds
 from actors.portable.draws import normals
 from firmware_bridge.range_sensors.rplidar import (
@@ -19,7 +19,7 @@ from firmware_bridge.range_sensors.rplidar import (
     Sample,
 )
 
-RangeFunction = Callable[[NDArray[np.float64]], NDArray[np.float64]]
+RangeFunction = Callable[[Floats], Floats]
 """Function from (n,) directions, rad counter-clockwise from the lidar's zero, to (n,) ranges, m; inf =
 none."""
 

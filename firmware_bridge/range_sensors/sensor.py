@@ -7,8 +7,8 @@ from collections import deque
 from typing import Final, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from actors.array_types import Floats, Int64s
 from actors.instant import Instant
 from actors.messages import NO_ECHO_MM, Scan
 from actors.robot_model import RangeSensor
@@ -22,11 +22,11 @@ a lidar of 360 samples fills 640 rays, and sectors without samples stay empty.""
 class SensorSweep(NamedTuple):
     """Samples of one turn or image, each with its time."""
 
-    stamps: NDArray[np.int64]
+    stamps: Int64s
     """Times, (n,), µs, ascending."""
-    angles: NDArray[np.float64]
+    angles: Floats
     """Directions, (n,), in the sensor's frame, counter-clockwise, rad."""
-    ranges: NDArray[np.float64]
+    ranges: Floats
     """Ranges, (n,), m; inf = no echo."""
 
 
@@ -37,10 +37,10 @@ class ScanRays:
         self._model = model
         self._reach = reach
         turned = model.increment * np.arange(model.rays, dtype=np.float64)
-        self.angles: NDArray[np.float64] = model.first_angle + turned
+        self.angles: Floats = model.first_angle + turned
         """Directions, (rays,), in the sensor's frame, counter-clockwise, rad."""
 
-    def scan(self, stamp: Instant, angles: NDArray[np.float64], ranges: NDArray[np.float64]) -> Scan:
+    def scan(self, stamp: Instant, angles: Floats, ranges: Floats) -> Scan:
         """Convert samples to a scan; `angles`, `ranges`: (n,), rad in the sensor's frame, m.
 
         Ranges that are not finite or not positive count as no echo. A ray gets the smallest range in its
@@ -54,7 +54,7 @@ class ScanRays:
         report[echo] = np.floor(found[echo] * 1000 + 0.5)
         return Scan(stamp, report.tobytes())
 
-    def _nearest(self, angles: NDArray[np.float64], ranges: NDArray[np.float64]) -> NDArray[np.float64]:
+    def _nearest(self, angles: Floats, ranges: Floats) -> Floats:
         """Return the range of each ray, m; inf = none."""
         model = self._model
         found = np.full(model.rays, np.inf)
@@ -73,9 +73,7 @@ class ScanRays:
             found[~hit] = self._nearest_sample(self.angles[~hit], angles, ranges)
         return found
 
-    def _nearest_sample(
-        self, rays: NDArray[np.float64], angles: NDArray[np.float64], ranges: NDArray[np.float64]
-    ) -> NDArray[np.float64]:
+    def _nearest_sample(self, rays: Floats, angles: Floats, ranges: Floats) -> Floats:
         """Return the range of the nearest sample within reach of each direction in `rays`, m; inf = none."""
         around = np.remainder(angles, math.tau)
         order = np.argsort(around, kind="stable")
@@ -87,8 +85,7 @@ class ScanRays:
         behind = np.remainder(wanted - around[before], math.tau)
         ahead, behind = np.minimum(ahead, math.tau - ahead), np.minimum(behind, math.tau - behind)
         nearest = np.where(ahead < behind, ranges[after], ranges[before])
-        found: NDArray[np.float64] = np.where(np.minimum(ahead, behind) <= self._reach, nearest, np.inf)
-        return found
+        return np.where(np.minimum(ahead, behind) <= self._reach, nearest, np.inf)
 
 
 class RangeReader(ABC):
@@ -171,12 +168,12 @@ class FrozenBeamDetector:
     """Detector of directions with constant ranges."""
 
     def __init__(self) -> None:
-        self._last: NDArray[np.int64] = np.zeros(_BEAMS, np.int64)
-        self._same: NDArray[np.int64] = np.zeros(_BEAMS, np.int64)
+        self._last: Int64s = np.zeros(_BEAMS, np.int64)
+        self._same: Int64s = np.zeros(_BEAMS, np.int64)
         self.found = False
         """True while part of the turn is frozen."""
 
-    def take(self, angles: NDArray[np.float64], distances: NDArray[np.int64]) -> None:
+    def take(self, angles: Floats, distances: Int64s) -> None:
         """Add a turn: directions, (n,) rad; distances, (n,) in the sensor's unit, 0 = no echo."""
         beams = np.floor(angles % (2 * np.pi) * (_BEAMS / (2 * np.pi)) + 0.5).astype(np.int64) % _BEAMS
         now = np.zeros(_BEAMS, np.int64)

@@ -6,12 +6,10 @@ Sections are those of IEEE 802.15.4-2006; the algorithm is that of 7.5.1.4, Figu
 import math
 from typing import Final
 
-import numpy as np
-from numpy.typing import NDArray
-
 from actors import ieee802154
+from actors.array_types import Records
 from actors.ieee802154 import CCA_NS, SYMBOL_NS, TURNAROUND_NS, UNIT_BACKOFF_NS
-from actors.kernels import njit
+from actors.kernels import kernel, njit
 from actors.portable.compiled import log
 from actors.radio.medium.reception import (
     ARRIVAL,
@@ -38,8 +36,8 @@ from actors.radio.medium.state import (
 )
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
-def push(agenda: NDArray[np.void], size: int, instant: int, order: int, ticket: int) -> int:
+@kernel
+def push(agenda: Records, size: int, instant: int, order: int, ticket: int) -> int:
     """Add an entry to a heap of `size` entries; return the new size."""
     place = size
     while place > 0:
@@ -55,8 +53,8 @@ def push(agenda: NDArray[np.void], size: int, instant: int, order: int, ticket: 
     return size + 1
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
-def pop(agenda: NDArray[np.void], size: int) -> int:
+@kernel
+def pop(agenda: Records, size: int) -> int:
     """Remove the first entry from a heap of `size` ≥ 1 entries; return the new size."""
     size -= 1
     last = agenda[size]
@@ -96,14 +94,14 @@ _KINDS: Final = 1 << 32
 _airtime_ns: Final = njit(cache=True)(ieee802154.airtime_ns)
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@kernel
 def schedule(st: MediumState, number: int, due: int, after: int, ticket: int) -> None:
     """Schedule an action of a transceiver `after` ns from now."""
     medium = st.medium
     medium.due = push(st.agenda, medium.due, medium.now_ns + after, due * _KINDS + number, ticket)
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@kernel
 def record_event(
     st: MediumState, kind: int, number: int, other: int, octets: int, frame: int, tag: int, asked: int
 ) -> None:
@@ -123,7 +121,7 @@ def record_event(
     event.sinr = 0.0
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@kernel
 def enqueue(st: MediumState, number: int, octets: int, to: int, ack: bool, tag: int) -> None:
     """Give a frame to a transceiver now."""
     transceiver = st.transceivers[number]
@@ -153,7 +151,7 @@ def enqueue(st: MediumState, number: int, octets: int, to: int, ack: bool, tag: 
         access(st, number)
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@kernel
 def access(st: MediumState, number: int) -> None:
     """Begin CSMA/CA for the frame at the head of the queue."""
     transceiver = st.transceivers[number]
@@ -164,7 +162,7 @@ def access(st: MediumState, number: int) -> None:
     _begin_backoff(st, number)
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@kernel
 def _begin_backoff(st: MediumState, number: int) -> None:
     transceiver = st.transceivers[number]
     settings, mac = transceiver.settings, transceiver.mac
@@ -175,7 +173,7 @@ def _begin_backoff(st: MediumState, number: int) -> None:
     schedule(st, number, ActionKind.CCA_BEGIN.value, periods * UNIT_BACKOFF_NS, mac.ticket)
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@kernel
 def begin_assessment(st: MediumState, number: int) -> None:
     """Begin the clear channel assessment after a back-off."""
     medium, transceiver = st.medium, st.transceivers[number]
@@ -194,7 +192,7 @@ def begin_assessment(st: MediumState, number: int) -> None:
     schedule(st, number, ActionKind.CCA_END.value, CCA_NS, mac.ticket)
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@kernel
 def cancel_assessment(st: MediumState, number: int) -> None:
     """Remove a transceiver from those that assess the channel, if it is one."""
     medium = st.medium
@@ -205,7 +203,7 @@ def cancel_assessment(st: MediumState, number: int) -> None:
             return
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@kernel
 def _is_clear(st: MediumState, number: int) -> bool:
     medium, transceiver = st.medium, st.transceivers[number]
     settings, mac, receiver = transceiver.settings, transceiver.mac, transceiver.receiver
@@ -226,7 +224,7 @@ def _is_clear(st: MediumState, number: int) -> bool:
     return not (loud and carrier)
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@kernel
 def end_assessment(st: MediumState, number: int) -> None:
     """End the clear channel assessment."""
     transceiver = st.transceivers[number]
@@ -246,7 +244,7 @@ def end_assessment(st: MediumState, number: int) -> None:
     _finish(st, number, EventKind.ACCESS_FAILURE.value)
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@kernel
 def _turn_around(st: MediumState, number: int) -> None:
     """Switch to sending; abort a reception in progress."""
     transceiver = st.transceivers[number]
@@ -257,7 +255,7 @@ def _turn_around(st: MediumState, number: int) -> None:
     schedule(st, number, ActionKind.FRAME_BEGIN.value, TURNAROUND_NS, mac.ticket)
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@kernel
 def begin_frame(st: MediumState, number: int) -> None:
     """Begin the frame at the head of the queue."""
     transceiver = st.transceivers[number]
@@ -277,7 +275,7 @@ def begin_frame(st: MediumState, number: int) -> None:
     schedule(st, number, ActionKind.FRAME_END.value, _airtime_ns(frame.octets), mac.ticket)
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@kernel
 def end_frame(st: MediumState, number: int) -> None:
     """End the frame in the air."""
     transceiver = st.transceivers[number]
@@ -296,7 +294,7 @@ def end_frame(st: MediumState, number: int) -> None:
         _start_spacing(st, number)
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@kernel
 def _start_spacing(st: MediumState, number: int) -> None:
     """Start the interframe spacing after a successful exchange."""
     mac = st.transceivers[number].mac
@@ -307,7 +305,7 @@ def _start_spacing(st: MediumState, number: int) -> None:
     _finish(st, number, EventKind.SENT.value)
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@kernel
 def _finish(st: MediumState, number: int, kind: int) -> None:
     """Remove the frame from the queue, record its result, and continue."""
     transceiver = st.transceivers[number]
@@ -324,7 +322,7 @@ def _finish(st: MediumState, number: int, kind: int) -> None:
         enqueue(st, number, traffic.octets, traffic.to, traffic.ack, -1)
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@kernel
 def start_next(st: MediumState, number: int) -> None:
     """Start the next frame of the queue if the MAC is idle."""
     mac = st.transceivers[number].mac
@@ -332,7 +330,7 @@ def start_next(st: MediumState, number: int) -> None:
         access(st, number)
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@kernel
 def _deliver(st: MediumState, sender: int) -> None:
     """Deliver the frame to its receivers, and count its outcomes at all others."""
     medium, flight, outcomes = st.medium, st.transceivers[sender].flight, st.outcomes[sender]
@@ -346,7 +344,7 @@ def _deliver(st: MediumState, sender: int) -> None:
     count(st, sender)
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@kernel
 def _receive(st: MediumState, sender: int, number: int) -> None:
     medium, flight, transceiver = st.medium, st.transceivers[sender].flight, st.transceivers[number]
     receiver = transceiver.receiver
@@ -375,7 +373,7 @@ def _receive(st: MediumState, sender: int, number: int) -> None:
         schedule(st, number, ActionKind.ACK_BEGIN.value, TURNAROUND_NS, mac.epoch)
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@kernel
 def begin_ack(st: MediumState, number: int) -> None:
     """Begin an acknowledgement."""
     transceiver = st.transceivers[number]
@@ -390,7 +388,7 @@ def begin_ack(st: MediumState, number: int) -> None:
     schedule(st, number, ActionKind.ACK_END.value, _airtime_ns(ACK_OCTETS), mac.epoch)
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@kernel
 def end_ack(st: MediumState, number: int) -> None:
     """End an acknowledgement; the waiting sender continues."""
     transceiver = st.transceivers[number]
@@ -408,7 +406,7 @@ def end_ack(st: MediumState, number: int) -> None:
         _start_spacing(st, asker)
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@kernel
 def timed_out(st: MediumState, number: int) -> None:
     """Retry or give up a frame after a missing acknowledgement."""
     transceiver = st.transceivers[number]
@@ -423,7 +421,7 @@ def timed_out(st: MediumState, number: int) -> None:
     _finish(st, number, EventKind.NO_ACK.value)
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@kernel
 def arrive(st: MediumState, number: int) -> None:
     """Give the next frame of generated traffic to a transceiver."""
     transceiver = st.transceivers[number]
@@ -436,7 +434,7 @@ def arrive(st: MediumState, number: int) -> None:
     schedule_arrival(st, number)
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@kernel
 def schedule_arrival(st: MediumState, number: int) -> None:
     """Draw the next arrival of a Poisson process."""
     transceiver = st.transceivers[number]

@@ -2,10 +2,8 @@
 
 from typing import Final
 
-import numpy as np
-from numpy.typing import NDArray
-
-from actors.kernels import njit
+from actors.array_types import Floats, Records
+from actors.kernels import kernel, njit
 from actors.portable.compiled import exp10
 from actors.radio.medium import csma
 from actors.radio.medium.csma import pop
@@ -37,9 +35,7 @@ _HALF_DB: Final = 3.0103
 
 
 @njit(cache=True)  # type: ignore[untyped-decorator]
-def run(
-    st: MediumState, outside: ExternalInputs, until: int, include_ends: bool, loss_db: NDArray[np.float64]
-) -> int:
+def run(st: MediumState, outside: ExternalInputs, until: int, include_ends: bool, loss_db: Floats) -> int:
     """Run everything before `until`, and ends of frames at `until` itself if `include_ends`.
 
     `loss_db`: (n,) dB, as requested by the previous call with ROW; any value above `medium.most_db` where
@@ -73,8 +69,8 @@ def run(
     return FULL
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
-def _store_row(st: MediumState, loss_db: NDArray[np.float64]) -> None:
+@kernel
+def _store_row(st: MediumState, loss_db: Floats) -> None:
     """Store the received powers of frames of `medium.sender`, and their receivers."""
     sender, most_db, reached = st.medium.sender, st.medium.most_db, 0
     transceiver = st.transceivers[sender]
@@ -90,18 +86,18 @@ def _store_row(st: MediumState, loss_db: NDArray[np.float64]) -> None:
     transceiver.row = st.medium.share
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
-def _next_instant(entries: NDArray[np.void], place: int) -> int:
+@kernel
+def _next_instant(entries: Records, place: int) -> int:
     return entries[place].instant_ns if place < entries.size else NEVER
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@kernel
 def _ends(st: MediumState) -> bool:
     """Return whether the end of a frame is first on the agenda."""
     return bool(st.agenda[0].order // _KINDS <= ActionKind.ACK_END.value)
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@kernel
 def _switch(st: MediumState, outside: ExternalInputs) -> None:
     switch = outside.switches[st.medium.next_switch]
     st.medium.next_switch += 1
@@ -110,7 +106,7 @@ def _switch(st: MediumState, outside: ExternalInputs) -> None:
     set_external_power(st, outside.now_mw)
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@kernel
 def _needs_row(st: MediumState) -> bool:
     medium, order = st.medium, st.agenda[0].order
     due, number = order // _KINDS, order % _KINDS
@@ -125,7 +121,7 @@ def _needs_row(st: MediumState) -> bool:
     return True
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@kernel
 def _is_valid(st: MediumState, due: int, number: int, ticket: int) -> bool:
     """Return whether an entry of the agenda has not been cancelled."""
     if due == ActionKind.ARRIVAL.value:
@@ -136,7 +132,7 @@ def _is_valid(st: MediumState, due: int, number: int, ticket: int) -> bool:
     return bool(ticket == mac.ticket)
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@kernel
 def _dispatch(st: MediumState) -> None:
     """Run the first entry of the agenda."""
     medium = st.medium
@@ -158,7 +154,7 @@ def _dispatch(st: MediumState) -> None:
         _exchange(st, due, number)
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@kernel
 def _exchange(st: MediumState, due: int, number: int) -> None:
     if due == ActionKind.FRAME_BEGIN.value:
         csma.begin_frame(st, number)
@@ -174,7 +170,7 @@ def _exchange(st: MediumState, due: int, number: int) -> None:
         csma.timed_out(st, number)
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@kernel
 def _invalidate_row(st: MediumState, number: int) -> None:
     """Invalidate the sender's row after a frame has begun if transceivers move."""
     if st.medium.moving:
@@ -224,7 +220,7 @@ def switch_off(st: MediumState, number: int) -> None:
     medium.off += 1
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@kernel
 def _cut_frame(st: MediumState, sender: int) -> None:
     """End a frame early; no transceiver receives it."""
     end_signal(st, sender)

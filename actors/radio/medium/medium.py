@@ -16,8 +16,8 @@ from dataclasses import dataclass
 from typing import Final, NamedTuple, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
+from actors.array_types import Floats, Int64s, Octets, Records
 from actors.ieee802154 import PSDU_LIMIT
 from actors.radio.medium import engine
 from actors.radio.medium.state import (
@@ -34,16 +34,14 @@ from actors.radio.medium.state import (
     milliwatts,
 )
 
-Trajectory = Callable[[int], NDArray[np.float64]]
+Trajectory = Callable[[int], Floats]
 """Positions of all transceivers, (n, 2), m, at an instant, ns; must depend on the instant only."""
 
 
 class Propagation(Protocol):
     """Attenuation of signals between positions."""
 
-    def loss_db(
-        self, senders: NDArray[np.float64], receivers: NDArray[np.float64], most_db: float = math.inf
-    ) -> NDArray[np.float64]:
+    def loss_db(self, senders: Floats, receivers: Floats, most_db: float = math.inf) -> Floats:
         """Return the loss from each sender to each receiver, dB ≥ 0, `inf` = no signal: (senders, receivers).
 
         Where it is above `most_db`, any value above is valid, so that distant receivers need not be computed.
@@ -58,14 +56,14 @@ class Propagation(Protocol):
 class Interferer(Protocol):
     """A source of interference other than an 802.15.4 transceiver; never decoded."""
 
-    def bursts(self, since_ns: int, until_ns: int) -> NDArray[np.int64]:
+    def bursts(self, since_ns: int, until_ns: int) -> Int64s:
         """Return the bursts that begin in [since, until): (bursts, 2), begin and end, ns; ordered, disjoint.
 
         An end may be after `until`. The division of time into windows must not change the bursts.
         """
         ...
 
-    def power_dbm(self, receivers: NDArray[np.float64]) -> NDArray[np.float64]:
+    def power_dbm(self, receivers: Floats) -> Floats:
         """Return the power within the receivers' band during a burst, dBm: `receivers` (…, 2) → (…).
 
         `-inf` = no signal. Evaluated at the begin of a burst, and again every 20 ms of a longer one.
@@ -133,9 +131,7 @@ class Interference:
             if interferer is not None and interferer.has_ended(now_ns) and source not in self._ends:
                 self._interferers[source] = None
 
-    def until(
-        self, since_ns: int, until_ns: int, where: Trajectory
-    ) -> tuple[NDArray[np.void], NDArray[np.float64]]:
+    def until(self, since_ns: int, until_ns: int, where: Trajectory) -> tuple[Records, Floats]:
         """Return the switches in [since, until), in order, and the powers, mW, of their rows."""
         entries: list[tuple[int, int, bool]] = []
         for source, interferer in enumerate(self._interferers):
@@ -145,7 +141,7 @@ class Interference:
             return np.zeros(0, SWITCH), np.zeros((0, len(where(since_ns)) if self._interferers else 0))
         entries.sort()
         switches = np.zeros(len(entries), SWITCH)
-        rows: list[NDArray[np.float64]] = []
+        rows: list[Floats] = []
         for place, (instant, source, on) in enumerate(entries):
             switches[place] = (instant, source, len(rows) if on else OFF)
             interferer = self._interferers[source]
@@ -210,7 +206,7 @@ class Medium:
         """
         self._propagation = propagation
         self._state = initial_state(transceivers, phy or PhyParameters(), seed, pauses=keeps_outcomes)
-        self.sent_outcomes: list[tuple[NDArray[np.uint8], NDArray[np.float64]]] = []
+        self.sent_outcomes: list[tuple[Octets, Floats]] = []
         """`frame_outcomes` of each frame sent, in the order of the events; the caller clears the list."""
         none = np.zeros((0, len(transceivers)))
         self._inputs = ExternalInputs(np.zeros(0, REQUEST), _NO_SWITCHES, none, none)
@@ -235,7 +231,7 @@ class Medium:
         due += requests["instant_ns"][medium["next_request"] :][:1].tolist()
         return min(due, default=None)
 
-    def place(self, positions: NDArray[np.float64]) -> None:
+    def place(self, positions: Floats) -> None:
         """Place the transceivers at fixed positions from now on: (n, 2), m."""
         positions = np.array(positions, dtype=np.float64)
         self._trajectory = lambda _: positions
@@ -299,11 +295,11 @@ class Medium:
         """Drop the next frame (not acknowledgement) that the receiver would receive from the sender."""
         self._state.withheld[sender, receiver] += 1
 
-    def finish_frames(self) -> NDArray[np.void]:
+    def finish_frames(self) -> Records:
         """End the frames whose end is now, before a switch; return events as `run`."""
         return self._advance(self.now_ns, True)
 
-    def run(self, until_ns: int) -> NDArray[np.void]:
+    def run(self, until_ns: int) -> Records:
         """Run everything before `until_ns`; return the events, (events,) of EVENT, in order of time."""
         if self._interference:
             switches, rows = self._interference.until(self.now_ns, until_ns, self._trajectory)
@@ -311,7 +307,7 @@ class Medium:
             self._state.medium["next_switch"] = 0
         return self._advance(until_ns, False)
 
-    def counters(self) -> NDArray[np.void]:
+    def counters(self) -> Records:
         """Return (n,) of COUNTERS: counts of each transceiver's frames, and of others' at it; a copy."""
         counters = self._state.transceivers["counters"].copy()
         outcomes = counters["outcomes"]
@@ -325,11 +321,11 @@ class Medium:
         airtimes: list[int] = self._state.transceivers["counters"]["on_air_ns"].tolist()
         return airtimes
 
-    def outcomes(self) -> NDArray[np.int64]:
+    def outcomes(self) -> Int64s:
         """Return (n, outcomes): outcomes of others' frames at each transceiver; a copy."""
         return self.counters()["outcomes"]
 
-    def frame_outcomes(self, sender: int) -> tuple[NDArray[np.uint8], NDArray[np.float64]]:
+    def frame_outcomes(self, sender: int) -> tuple[Octets, Floats]:
         """Return the outcomes of the sender's last frame at all transceivers.
 
         (n,) of Outcome, and (n,) received powers, mW, 0 where it is not followed; copies. Valid until the
@@ -349,9 +345,9 @@ class Medium:
         """Number of frames in the air or in queues."""
         return int(self._state.transceivers["mac"]["queued"].sum(dtype=np.int64))
 
-    def _advance(self, until_ns: int, include_ends: bool) -> NDArray[np.void]:
+    def _advance(self, until_ns: int, include_ends: bool) -> Records:
         state, medium = self._state, self._state.medium
-        parts: list[NDArray[np.void]] = []
+        parts: list[Records] = []
         loss_db = _NO_LOSSES
         while True:
             code = engine.run(state, self._inputs, until_ns, include_ends, loss_db)
@@ -375,22 +371,18 @@ class Medium:
 class _LinearPropagation:
     """Transceivers on a line with simple losses and interference, for the fingerprint."""
 
-    def loss_db(
-        self, senders: NDArray[np.float64], receivers: NDArray[np.float64], most_db: float = math.inf
-    ) -> NDArray[np.float64]:
-        loss: NDArray[np.float64] = 55.0 + np.abs(senders[:, :1] - receivers[:, 0])
-        return loss
+    def loss_db(self, senders: Floats, receivers: Floats, most_db: float = math.inf) -> Floats:
+        return 55.0 + np.abs(senders[:, :1] - receivers[:, 0])
 
-    def bursts(self, since_ns: int, until_ns: int) -> NDArray[np.int64]:
+    def bursts(self, since_ns: int, until_ns: int) -> Int64s:
         begins = np.arange(-(-since_ns // 50_000_000), -(-until_ns // 50_000_000)) * 50_000_000
         return np.stack([begins, begins + 9_000_000], axis=1)
 
     def has_ended(self, now_ns: int) -> bool:
         return False
 
-    def power_dbm(self, receivers: NDArray[np.float64]) -> NDArray[np.float64]:
-        level: NDArray[np.float64] = -90.0 - receivers[..., 0]
-        return level
+    def power_dbm(self, receivers: Floats) -> Floats:
+        return -90.0 - receivers[..., 0]
 
 
 def fingerprint() -> bytes:

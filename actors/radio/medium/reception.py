@@ -16,10 +16,10 @@ from math import comb
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from actors.array_types import Floats
 from actors.ieee802154 import PHY_HEADER_OCTETS
-from actors.kernels import njit
+from actors.kernels import kernel
 from actors.portable import arrays
 from actors.portable.compiled import exp
 from actors.radio.medium.state import NO_TRANSCEIVER, MediumState, Outcome, Record
@@ -39,16 +39,15 @@ _SECOND: Final = np.uint64(0x94D049BB133111EB)
 _S27, _S30, _S31, _S11 = np.uint64(27), np.uint64(30), np.uint64(31), np.uint64(11)
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@kernel
 def _mixed(state: np.uint64, word: int) -> np.uint64:
     z = (state ^ np.uint64(word)) + _GAMMA
     z = (z ^ (z >> _S30)) * _FIRST
     z = (z ^ (z >> _S27)) * _SECOND
-    mixed: np.uint64 = z ^ (z >> _S31)
-    return mixed
+    return z ^ (z >> _S31)
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@kernel
 def keyed_uniform(seed: int, purpose: int, transceiver: int, frame: int, other: int) -> float:
     """Return the uniform number in [0, 1) of this key; integers of up to 63 bits."""
     state = _mixed(np.uint64(purpose), seed)
@@ -62,25 +61,23 @@ _STEPS: Final = 4096
 """Table entries per unit of SINR; linear interpolation then has a relative error of 1e-6."""
 
 
-def bit_error_rate(sinr: NDArray[np.float64]) -> NDArray[np.float64]:
+def bit_error_rate(sinr: Floats) -> Floats:
     """Return the probability of a bit error at signal to interference and noise ratios, linear; same
     shape."""
     k = np.arange(2, 17, dtype=np.float64)
     weights = np.array([(-comb(16, i) if i % 2 else comb(16, i)) for i in range(2, 17)], dtype=np.float64)
     terms = weights * arrays.exp(20.0 * np.asarray(sinr)[..., None] * (1.0 / k - 1.0))
-    rate: NDArray[np.float64] = np.clip(8.0 / 15.0 / 16.0 * arrays.total(terms), 0.0, 0.5)
-    return rate
+    return np.clip(8.0 / 15.0 / 16.0 * arrays.total(terms), 0.0, 0.5)
 
 
-def frame_error_rate(snr_db: NDArray[np.float64], octets: int) -> NDArray[np.float64]:
+def frame_error_rate(snr_db: Floats, octets: int) -> Floats:
     """Return the probability that a frame of `octets` of PSDU is lost at a constant ratio, dB; same shape."""
     bits = 8 * (octets + PHY_HEADER_OCTETS)
     log_right = arrays.log1p(-bit_error_rate(arrays.exp10(np.asarray(snr_db) / 10.0)))
-    rate: NDArray[np.float64] = -arrays.expm1(bits * log_right)
-    return rate
+    return -arrays.expm1(bits * log_right)
 
 
-def _table() -> NDArray[np.float64]:
+def _table() -> Floats:
     log = arrays.log1p(-bit_error_rate(np.arange(int(CLEAN * _STEPS) + 2) / _STEPS))
     log.setflags(write=False)
     return log
@@ -89,7 +86,7 @@ def _table() -> NDArray[np.float64]:
 _LOG_RIGHT: Final = _table()
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@kernel
 def log_right(sinr: float) -> float:
     """Return the logarithm of the probability that a bit is correct, in kernels; `sinr` ≥ 0, linear."""
     if sinr >= CLEAN:
@@ -112,7 +109,7 @@ _NOT_COUNTED: Final = int(Outcome.NOT_COUNTED)
 _WITHHELD: Final = int(Outcome.WITHHELD)
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@kernel
 def _close_segment(medium: Record, receiver: Record, signal: float) -> None:
     """Close the receiver's segment: update the probability that all bits so far are correct."""
     lasted = medium.now_ns - receiver.segment_ns
@@ -127,7 +124,7 @@ def _close_segment(medium: Record, receiver: Record, signal: float) -> None:
         receiver.log_alone += lasted * _BITS_PER_NS * log_right(signal / quiet)
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@kernel
 def settle(st: MediumState) -> None:
     """Close all segments, and add up the energy for channel assessments in progress."""
     medium, transceivers = st.medium, st.transceivers
@@ -140,7 +137,7 @@ def settle(st: MediumState) -> None:
         add_energy(medium, transceivers[st.rosters[k].assessing])
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@kernel
 def add_energy(medium: Record, transceiver: Record) -> None:
     """Add up the energy at a transceiver until now."""
     mac, receiver = transceiver.mac, transceiver.receiver
@@ -149,7 +146,7 @@ def add_energy(medium: Record, transceiver: Record) -> None:
     mac.assessed_ns = medium.now_ns
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@kernel
 def update_peaks(st: MediumState) -> None:
     """Update the peak power of channel assessments in progress."""
     for k in range(st.medium.assessing):
@@ -158,7 +155,7 @@ def update_peaks(st: MediumState) -> None:
         mac.peak = max(mac.peak, receiver.total_mw + receiver.external_mw)
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@kernel
 def _lock(medium: Record, receiver: Record, sender: int) -> None:
     receiver.lock = sender
     receiver.lock_ns = receiver.segment_ns = medium.now_ns
@@ -166,7 +163,7 @@ def _lock(medium: Record, receiver: Record, sender: int) -> None:
     receiver.worst_sinr = np.inf
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@kernel
 def abort_reception(st: MediumState, number: int, outcome: int) -> None:
     """Abort a transceiver's reception, if any, with this outcome."""
     receiver = st.transceivers[number].receiver
@@ -176,7 +173,7 @@ def abort_reception(st: MediumState, number: int, outcome: int) -> None:
         receiver.unlock_ns = st.medium.now_ns
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@kernel
 def _outcome_at_begin(
     medium: Record, transceiver: Record, sender: int, power: float, locked_mw: float
 ) -> int:
@@ -204,7 +201,7 @@ def _outcome_at_begin(
     return _HEARD
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@kernel
 def free_share(st: MediumState) -> int:
     """Return the first share, from 1, that no frame in the air has; the next may omit 2 ** -share.
 
@@ -218,7 +215,7 @@ def free_share(st: MediumState) -> int:
     return share
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@kernel
 def begin(st: MediumState, sender: int) -> None:
     """Begin the sender's frame, described by its flight and its row of gains."""
     medium = st.medium
@@ -246,7 +243,7 @@ def begin(st: MediumState, sender: int) -> None:
     medium.in_air += 1
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@kernel
 def end_signal(st: MediumState, sender: int) -> None:
     """Remove the sender's frame from the air; receivers stay locked onto it."""
     medium, transceivers, gains_mw = st.medium, st.transceivers, st.gains_mw
@@ -265,7 +262,7 @@ def end_signal(st: MediumState, sender: int) -> None:
         receiver.total_mw = left_mw if receiver.arriving > 0 else 0.0  # without rounding errors
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@kernel
 def decide_reception(st: MediumState, sender: int) -> None:
     """Decide the reception of a complete frame at all receivers locked onto it."""
     medium, transceivers = st.medium, st.transceivers
@@ -290,7 +287,7 @@ def decide_reception(st: MediumState, sender: int) -> None:
             st.outcomes[sender, i] = _WITHHELD
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@kernel
 def count(st: MediumState, sender: int) -> None:
     """Count the outcomes of the sender's frame (not acknowledgement) at all transceivers."""
     st.medium.ended += 1
@@ -299,7 +296,7 @@ def count(st: MediumState, sender: int) -> None:
             st.transceivers[i].counters.outcomes[st.outcomes[sender, i]] += 1
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@kernel
 def _loss_cause(medium: Record, receiver: Record, power: float, octets: int, chance: float) -> int:
     """Return the cause of a loss: the outcome with the same random number and less interference."""
     bits = 8 * (octets + PHY_HEADER_OCTETS)
@@ -308,8 +305,8 @@ def _loss_cause(medium: Record, receiver: Record, power: float, octets: int, cha
     return _DISTURBED if chance >= exp(receiver.log_alone) else _COLLISION
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
-def set_external_power(st: MediumState, now_mw: NDArray[np.float64]) -> None:
+@kernel
+def set_external_power(st: MediumState, now_mw: Floats) -> None:
     """Set the powers of outside sources (rows) at the receivers (columns) from now on."""
     settle(st)
     for i in range(st.transceivers.size):

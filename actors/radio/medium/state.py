@@ -10,8 +10,8 @@ from enum import IntEnum
 from typing import Any, Final, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from actors.array_types import Floats, Int64s, Octets, Records
 from actors.ieee802154 import PSDU_LIMIT
 from actors.portable import arrays
 
@@ -210,36 +210,36 @@ class MediumState(NamedTuple):
 
     medium: Record
     """One record of MEDIUM, modified in place."""
-    transceivers: NDArray[np.void]
+    transceivers: Records
     """(n,) of TRANSCEIVER."""
-    queue: NDArray[np.void]
+    queue: Records
     """(n, q) of FRAME, a ring."""
-    agenda: NDArray[np.void]
+    agenda: Records
     """A binary heap of AGENDA; the first `medium.due` are valid."""
-    rosters: NDArray[np.void]
+    rosters: Records
     """(n,) of ROSTER; the first `medium.in_air`, `medium.assessing` and `medium.off` are valid."""
-    gains_mw: NDArray[np.float64]
+    gains_mw: Floats
     """Power of a sender's frame (row) at a receiver (column), (n, n); 0: not followed."""
-    reached: NDArray[np.int64]
+    reached: Int64s
     """Receivers of a sender's frame (row), by number, ascending, (n, n); the first `reached` are valid."""
-    outcomes: NDArray[np.uint8]
+    outcomes: Octets
     """Outcome so far of a sender's frame (row) at a receiver (column), (n, n)."""
-    withheld: NDArray[np.int64]
+    withheld: Int64s
     """Number of a sender's frames (row) still to be dropped at a receiver (column), (n, n)."""
-    events: NDArray[np.void]
+    events: Records
     """(m,) of EVENT; the first `medium.events` are valid."""
 
 
 class ExternalInputs(NamedTuple):
     """Requests and external interference from s sources."""
 
-    requests: NDArray[np.void]
+    requests: Records
     """(r,) of REQUEST, in order of time."""
-    switches: NDArray[np.void]
+    switches: Records
     """(w,) of SWITCH, in order of time."""
-    rows_mw: NDArray[np.float64]
+    rows_mw: Floats
     """Powers of the switches, (rows, n)."""
-    now_mw: NDArray[np.float64]
+    now_mw: Floats
     """Current power of each source, (s, n), 0 while it is off."""
 
 
@@ -339,7 +339,7 @@ def initial_state(
     )
 
 
-def _medium(transceivers: Sequence[Transceiver], phy: PhyParameters, seed: int) -> NDArray[np.void]:
+def _medium(transceivers: Sequence[Transceiver], phy: PhyParameters, seed: int) -> Records:
     medium = np.zeros(1, MEDIUM)
     medium["seed"] = seed
     medium["noise_mw"] = milliwatts(phy.noise_dbm)
@@ -358,7 +358,7 @@ def _medium(transceivers: Sequence[Transceiver], phy: PhyParameters, seed: int) 
     return medium
 
 
-def _settings(transceivers: Sequence[Transceiver], phy: PhyParameters) -> NDArray[np.void]:
+def _settings(transceivers: Sequence[Transceiver], phy: PhyParameters) -> Records:
     settings = np.zeros(len(transceivers), SETTINGS)
     settings["key"] = [t.address for t in transceivers]
     for name in ("min_be", "max_be", "max_backoffs", "max_retries", "cca"):

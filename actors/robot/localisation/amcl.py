@@ -350,8 +350,7 @@ class Amcl:
 
 
 def _wrapped(angles: Floats) -> Floats:
-    wrapped: Floats = np.remainder(angles + np.pi, 2 * np.pi) - np.pi
-    return wrapped
+    return np.remainder(angles + np.pi, 2 * np.pi) - np.pi
 
 
 def _read_only(array: Floats) -> Floats:

@@ -70,10 +70,9 @@ class LikelihoodField:
         draws = generator.random((3, count))
         corners = self.floor[generator.integers(len(self.floor), size=count)]
         side = self.frame[2]
-        drawn: Floats = np.stack(
+        return np.stack(
             (corners[:, 0] + side * draws[0], corners[:, 1] + side * draws[1], np.pi - 2 * np.pi * draws[2])
         )
-        return drawn
 
 
 def _shared(x: Int64s, y: Int64s) -> float:

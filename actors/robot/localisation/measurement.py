@@ -9,9 +9,8 @@ import math
 from typing import Final, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from actors.array_types import Floats, Int64s, Octets
+from actors.array_types import Floats, Int64s, Octets, UInt16s
 from actors.geometry import Pose
 from actors.kernels import kernel
 from actors.messages import NO_ECHO_MM
@@ -268,9 +267,7 @@ def beams(sensor: RangeSensor, count: int) -> Beams:
 
 
 @kernel
-def end_points(
-    ranges_mm: NDArray[np.uint16], beams: Beams, pose: Pose, peers: Floats, radius: float
-) -> EndPoints:
+def end_points(ranges_mm: UInt16s, beams: Beams, pose: Pose, peers: Floats, radius: float) -> EndPoints:
     """Return the end points of beams with an echo, except those within `radius`, m, of a peer.
 
     `ranges_mm`: (rays,). `peers`: (p, 2), m, map frame; `pose`: estimate of the robot's pose, map frame.

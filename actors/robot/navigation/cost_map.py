@@ -280,8 +280,7 @@ class CostMap:
 
     def costs(self) -> Octets:
         """Return the cost of each cell: (rows, columns), row 0 the southernmost."""
-        costs: Octets = self.table[self.squared]
-        return costs
+        return self.table[self.squared]
 
     def trusted(self, instant: Instant) -> Octets:
         """Return 1 in each cell observed free or below the body within `free_memory`: (rows, columns)."""

@@ -8,9 +8,8 @@ import math
 from typing import Any, Final, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from actors.array_types import Flags, Floats, Int16s, Octets
+from actors.array_types import Flags, Floats, Int16s, Octets, Records
 from actors.kernels import kernel
 from actors.portable.compiled import cos, cos_sin, sin
 from actors.robot.navigation.map_grid import Waves, steps_at
@@ -258,7 +257,7 @@ def best_velocity(
     bounds: Floats,
     fields: CriticFields,
     table: Floats,
-    weights: NDArray[np.void],
+    weights: Records,
 ) -> tuple[float, float, float]:
     """Return speed, cells/s, turn rate, rad/s, and score of the valid trajectory with the lowest score.
 

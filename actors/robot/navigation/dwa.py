@@ -12,9 +12,8 @@ import math
 from typing import Any, Final, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from actors.array_types import Flags, Floats, Int16s, Int32s, Octets, Singles
+from actors.array_types import Flags, Floats, Int16s, Int32s, Octets, Records, Singles
 from actors.kernels import kernel
 from actors.portable.compiled import cos_sin
 from actors.robot.navigation.map_grid import Waves
@@ -150,7 +149,7 @@ class CheapestVelocity(NamedTuple):
     """INVALID if there is no valid trajectory; then speed and turn are 0."""
 
 
-def example() -> tuple[Int16s, Octets, Floats, NDArray[np.void]]:
+def example() -> tuple[Int16s, Octets, Floats, Records]:
     """Return inputs for fingerprints: squared distances of a window, costs by them, outline, and critics."""
     row, column = np.indices((40, 40))
     squared = np.minimum(np.square(row - 3) + np.square(column - 30), 100).astype(np.int16)
@@ -251,7 +250,7 @@ def cheapest_velocity(
     waves: Waves,
     table: Octets,
     outline: Floats,
-    critics: NDArray[np.void],
+    critics: Records,
 ) -> tuple[float, float, float]:
     """Return the fields of `CheapestVelocity`: the valid trajectory of the lowest cost, the first of equals.
 

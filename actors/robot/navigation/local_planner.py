@@ -9,9 +9,8 @@ import math
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
-from actors.array_types import Flags, Floats, Int16s, Int32s, Octets
+from actors.array_types import Flags, Floats, Int16s, Int32s, Octets, Records
 from actors.geometry import STILL, Pose, Twist, wrap
 from actors.instant import Instant
 from actors.kernels import kernel
@@ -138,7 +137,7 @@ def choose_velocity(
     limit: float,
     table: Octets,
     outline: Floats,
-    critics: NDArray[np.void],
+    critics: Records,
     alignment: float,
 ) -> tuple[float, float, float]:
     """Return the fields of `CheapestVelocity`; no trajectory is valid if `path` is outside the window.

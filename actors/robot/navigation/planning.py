@@ -166,8 +166,7 @@ def _wide_enough(plan: OccupancyGrid, reach: float, factor: int, narrowest: floa
     middle[:-1, :-1] |= square
     middle[1:, 1:] |= square
     away = cell * np.sqrt(squared_distance(middle))
-    open_floor: Flags = _coarse((narrowest + cell) / 2 - reach - away, factor) >= -1e-9
-    return open_floor
+    return _coarse((narrowest + cell) / 2 - reach - away, factor) >= -1e-9
 
 
 def _costs(distance: Floats, radius: float, parameters: PlanningParameters) -> Int32s:

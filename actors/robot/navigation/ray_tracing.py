@@ -11,7 +11,7 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from actors.array_types import Floats, Int16s, Int64s, Octets
+from actors.array_types import Floats, Int16s, Int64s, Octets, UInt16s
 from actors.floor.raster import bearing_to, half_width, window
 from actors.geometry import distance_to_border
 from actors.kernels import kernel
@@ -66,7 +66,7 @@ def _crossing(x: float, y: float, dx: float, dy: float) -> tuple[float, float]:
 
 @kernel
 def _is_passed(
-    x: float, y: float, ranges_mm: NDArray[np.uint16], rays: Rays, c: float, s: float, heading: float
+    x: float, y: float, ranges_mm: UInt16s, rays: Rays, c: float, s: float, heading: float
 ) -> bool:
     """Return True if a ray passes through the cell centred at (x, y) relative to the sensor."""
     directions, fan, limits = rays
@@ -98,9 +98,7 @@ def _write_below(cells: NDArray[Any], value: int, body: Floats, radius: float) -
 
 
 @kernel
-def mark_and_clear(
-    marks: Octets, ranges_mm: NDArray[np.uint16], rays: Rays, eye: Floats, body: Floats
-) -> None:
+def mark_and_clear(marks: Octets, ranges_mm: UInt16s, rays: Rays, eye: Floats, body: Floats) -> None:
     """Clear cells passed by a ray or below the body, and mark cells in which a ray ends.
 
     `marks`: (rows, columns), 0 or 1, modified. `ranges_mm`: (n,). `eye`: x, y, cells, and heading of the
@@ -129,7 +127,7 @@ def mark_and_clear(
 
 @kernel
 def stamp_free_cells(
-    stamps: Int64s, instant: int, ranges_mm: NDArray[np.uint16], rays: Rays, eye: Floats, body: Floats
+    stamps: Int64s, instant: int, ranges_mm: UInt16s, rays: Rays, eye: Floats, body: Floats
 ) -> None:
     """Write `instant` into each cell passed by a ray or below the body.
 

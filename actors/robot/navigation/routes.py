@@ -228,8 +228,7 @@ class ReachableFloor:
         half_diagonal = grid.resolution * math.sqrt(0.5)
         begin = nearest_cell(grid, grid.free, self._start) or Cell(0, 0)  # any cell if none is free
         region = raster.flood(grid.free, *begin)
-        admitted: Flags = region & (floor.clearance >= self._radius + half_diagonal)
-        return admitted
+        return region & (floor.clearance >= self._radius + half_diagonal)
 
     def _inside(self, east: Floats, north: Floats) -> Flags:
         """Return which points are in an area: (len(north), len(east))."""

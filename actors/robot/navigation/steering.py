@@ -8,9 +8,8 @@ from typing import Annotated, Final, Literal, NamedTuple
 import numpy as np
 from msgspec import Meta
 from msgspec.structs import replace
-from numpy.typing import NDArray
 
-from actors.array_types import Flags, Floats
+from actors.array_types import Flags, Floats, Records
 from actors.geometry import STILL, Pose, Twist, wrap
 from actors.instant import Duration, Instant, in_seconds, seconds
 from actors.portable import hypot
@@ -271,7 +270,7 @@ class BaseLocalPlanner(ABC):
     def _choose(self, instant: Instant, here: Pose, estimate: Pose, velocity: Twist) -> Steering:
         """Return the command of a cycle; there is a plan."""
 
-    def _record(self, kind: np.dtype[np.void], **values: float) -> NDArray[np.void]:
+    def _record(self, kind: np.dtype[np.void], **values: float) -> Records:
         """Return the parameters of a kernel, (1,), with the weights of critics common to both kernels.
 
         Path and goal weigh bias · cell · ½ per cell of distance (DWAPlanner::reconfigure).

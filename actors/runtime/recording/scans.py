@@ -9,11 +9,10 @@ earlier residuals, so no parameters are stored.
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from actors.array_types import Octets
 from actors.kernels import njit
 
-Octets = NDArray[np.uint8]
 LARGEST: Final = 0xFFFF
 """Most bytes of ranges: the limit of msgpack's `bin 16`."""
 _GENTLE: Final = 400
