@@ -20,7 +20,15 @@ from deeco.history import with_history
 from deeco.instant import START, Duration, Instant, Task, check_duration, milliseconds, seconds
 from deeco.knowledge import Knowledge, new_tuple
 from deeco.link import LinkParameters, Reception, Transmission
-from deeco.packet import KnowledgePacket, Unpacker, Version, increment_hops, pack
+from deeco.packet import (
+    KnowledgePacket,
+    PacketAuthenticator,
+    Unpacker,
+    Version,
+    increment_hops,
+    pack,
+    verified_packet,
+)
 from deeco.schema import RoleRegistry
 from deeco.statistics import NodeCounters, Statistics
 
@@ -51,15 +59,25 @@ class Replica:
         return self._contact
 
 
+_OLDER_VERSIONS: Final = 16
+"""Increases among older versions that replace a version without replica; our choice: more than by relays."""
+
+
 class Replicas:
     """A limited number of replicas in order of id; old ones are dropped."""
 
-    def __init__(self, most: int, forget_after: Duration, counters: NodeCounters) -> None:
+    def __init__(
+        self, most: int, forget_after: Duration, counters: NodeCounters, *, authenticated: bool = False
+    ) -> None:
+        """Create an empty set of replicas; `authenticated`: versions cannot be forged."""
         self._most = most
         self._forget_after = forget_after
         self._counters = counters
+        self._authenticated = authenticated
         self._by_id: dict[str, Replica] = {}
         self._versions: dict[str, Version] = {}
+        self._older: dict[str, tuple[Version, int]] = {}
+        """Last older version received since the replica was dropped, and number of increases."""
         self._oldest = START
         """Lower bound of all `heard`, so that `drop_old` rarely iterates."""
 
@@ -73,17 +91,31 @@ class Replicas:
         """Return the replica of a component; None if there is none."""
         return self._by_id.get(component)
 
-    def is_newer(self, component: str, version: Version) -> bool:
-        """Return whether a version is newer than any received, also of replicas dropped since."""
+    def accepts(self, component: str, version: Version) -> bool:
+        """Return whether a version is newer than any received, also of replicas dropped since.
+
+        A version that is not authenticated may be forged. After its replica was dropped, a sequence of older
+        versions replaces it.
+        """
         known = self._versions.get(component)
-        return known is None or version > known
+        if known is None or version > known:
+            return True
+        if self._authenticated or component in self._by_id:
+            return False
+        older, increases = self._older.get(component, (version, 0))
+        increases += version > older
+        self._older[component] = version, increases
+        return version > older and increases >= _OLDER_VERSIONS
 
     def put(self, replica: Replica) -> None:
         """Add or replace a replica by a newer version."""
         self._versions.pop(replica.id, None)
         self._versions[replica.id] = replica.version
+        self._older.pop(replica.id, None)
         if len(self._versions) > 4 * self._most:
-            del self._versions[next(iter(self._versions))]
+            forgotten = next(iter(self._versions))
+            del self._versions[forgotten]
+            self._older.pop(forgotten, None)
         is_new = replica.id not in self._by_id
         if is_new and len(self._by_id) >= self._most:
             self._counters.replicas_evicted += 1
@@ -227,6 +259,8 @@ class NetworkParameters:
     relay: RelayParameters | None = None
     """None: no relaying."""
     link: LinkParameters = field(default_factory=LinkParameters)
+    authenticator: PacketAuthenticator | None = None
+    """Tags of packets, with the key of the swarm. None: packets are not authenticated."""
 
     def __post_init__(self) -> None:
         check_duration("NetworkParameters: publish_every", self.publish_every)
@@ -267,6 +301,7 @@ class Network:
         self._epoch = epoch
         self._has_histories = registry.has_histories
         self._limits = parameters.link
+        self._authenticator = parameters.authenticator
         self._statistics = statistics
         self._counters = statistics.counters
         self._unpacker = Unpacker(parameters.link, known=registry.fingerprints)
@@ -278,7 +313,12 @@ class Network:
             self._reassembly = previous._reassembly
             self._fragmenter = previous._fragmenter
         self._outbox: list[tuple[Instant, bytes]] = []
-        self.replicas = Replicas(parameters.max_replicas, parameters.forget_after, self._counters)
+        self.replicas = Replicas(
+            parameters.max_replicas,
+            parameters.forget_after,
+            self._counters,
+            authenticated=self._authenticator is not None,
+        )
         self._relay: Relay | None = None
         if parameters.relay is not None:
             self._relay = Relay(parameters.relay, address, plan, self._send, self._counters)
@@ -289,9 +329,8 @@ class Network:
             self._publications += 1
             version = Version(self._epoch, self._publications)
             self._counters.published += 1
-            self._send(
-                now, pack(KnowledgePacket(value.id, version, 0, self._registry.pack(value)), self._limits)
-            )
+            packet = KnowledgePacket(value.id, version, 0, self._registry.pack(value))
+            self._send(now, pack(packet, self._limits, self._authenticator))
         for replica in self.replicas:
             self._statistics.sample_age(replica.heard, now)
 
@@ -338,7 +377,12 @@ class Network:
     def _process_packet(self, data: bytes, reception: Reception) -> ReplicaUpdate | None:
         counters, relay = self._counters, self._relay
         counters.packets += 1
-        packet = self._unpacker.unpack(data)
+        authenticator = self._authenticator
+        content = data if authenticator is None else verified_packet(data, authenticator)
+        if content is None:
+            counters.packets_forged += 1
+            return None
+        packet = self._unpacker.unpack(content)
         if packet is None:
             counters.packets_junk += 1
             return None
@@ -348,7 +392,7 @@ class Network:
             return None
         if relay is not None:
             relay.cancel_older(packet)
-        if not self.replicas.is_newer(component, packet.version):
+        if not self.replicas.accepts(component, packet.version):
             counters.packets_old += 1
             return None
         unpacked = self._registry.unpack(component, packet.roles)

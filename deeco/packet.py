@@ -1,11 +1,13 @@
 """Packets of nodes (L2): the published knowledge of one component in one version.
 
 A packet is one byte, its type in the low four bits and its hop count in the high four, and a msgpack array:
-component id, epoch, counter, and for each role its fingerprint and fields.
+component id, epoch, counter, and for each role its fingerprint and fields. An authenticated packet ends with
+a tag of everything but the hop count, which relays change.
 """
 
 from collections.abc import Container
-from typing import Any, Final, NamedTuple
+from hmac import compare_digest
+from typing import Any, Final, NamedTuple, Protocol
 
 import msgpack
 
@@ -19,6 +21,17 @@ _KNOWLEDGE: Final = 0
 _MAX_HOPS: Final = 15
 _HEAD: Final = 3
 """Items before the first role."""
+
+
+class PacketAuthenticator(Protocol):
+    """Keyed function for the tags of packets; `deeco.aes_ccm` has an implementation."""
+
+    @property
+    def tag_size(self) -> int:
+        """Bytes of a tag, at least 1."""
+
+    def tag(self, content: bytes) -> bytes:
+        """Return the tag of a content; equal for equal contents."""
 
 
 class Version(NamedTuple):
@@ -41,7 +54,11 @@ class KnowledgePacket(NamedTuple):
     """Fingerprint and encoded fields of each role that the component plays."""
 
 
-def pack(packet: KnowledgePacket, limits: LinkParameters = DEFAULTS) -> bytes:
+def pack(
+    packet: KnowledgePacket,
+    limits: LinkParameters = DEFAULTS,
+    authenticator: PacketAuthenticator | None = None,
+) -> bytes:
     """Return the bytes of a packet. Raises ExecutionError if the packet or the component's id is too long."""
     if text_size(packet.component) > limits.max_id:
         raise ExecutionError(
@@ -52,12 +69,25 @@ def pack(packet: KnowledgePacket, limits: LinkParameters = DEFAULTS) -> bytes:
     for role in packet.roles:
         body += role
     data = bytes([_KNOWLEDGE | min(packet.hops, _MAX_HOPS) << 4]) + bytes(msgpack.packb(body))
+    if authenticator is not None:
+        data += _tag(data, authenticator)
     if len(data) > limits.max_packet:
         raise ExecutionError(
             f"the published knowledge of {packet.component!r} has {len(data)} bytes; "
             f"at most {limits.max_packet} are allowed (LinkParameters.max_packet)"
         )
     return data
+
+
+def verified_packet(data: bytes, authenticator: PacketAuthenticator) -> bytes | None:
+    """Return the packet without its tag; None if the tag of `data` (untrusted) is wrong. Never raises."""
+    size = authenticator.tag_size
+    content, tag = data[:-size], data[-size:]
+    return content if content and compare_digest(tag, _tag(content, authenticator)) else None
+
+
+def _tag(content: bytes, authenticator: PacketAuthenticator) -> bytes:
+    return authenticator.tag(bytes([content[0] & 0xF]) + content[1:])
 
 
 def _is_deeper(items: tuple[Any, ...], most: int) -> bool:

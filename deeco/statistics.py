@@ -29,6 +29,8 @@ class NodeCounters:
     """Complete packets received."""
     packets_junk: int = 0
     """Complete packets received without valid knowledge."""
+    packets_forged: int = 0
+    """Complete packets received without the tag that the node's key requires."""
     packets_own: int = 0
     """Packets received with knowledge of the node's own components."""
     packets_old: int = 0

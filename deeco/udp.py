@@ -2,8 +2,8 @@
 
     asyncio.run(UdpLink(7000, ["192.168.1.255:7000"]).run(node))
 
-Instants are µs since the start of the link. Datagrams are neither authenticated nor encrypted: anybody in the
-network can publish knowledge. Their bytes are untrusted; invalid ones only increment counters.
+Instants are µs since the start of the link. Without an authenticator in the node's parameters anybody in the
+network can publish knowledge. Bytes of datagrams are untrusted; invalid ones only increment counters.
 """
 
 import asyncio

@@ -1,6 +1,7 @@
 """Packets of cleaning robots, nodes that exchange destinations, and docs/authors.md."""
 
 import re
+import sys
 from dataclasses import fields, replace
 from pathlib import Path
 
@@ -28,6 +29,7 @@ from actors.robot.behaviour import (
     View,
     host,
 )
+from actors.robot.behaviour.loading import BehaviourError
 from actors.robot.behaviour.node_host import node_of
 from actors.robot.behaviour.ports import AbortReason, GoalOrder, GoalPhase, GoalStatus
 from cleaning.adaptive import AdaptiveCleaningRobot
@@ -36,10 +38,11 @@ from cleaning.parameters import AdaptationParameters
 from cleaning.place import RESTART_TERM, Assignment, Takeover, VisitReport, assignments
 from cleaning.robot import CleaningRobot
 from cleaning.strategies.chapter import behaviour
-from deeco import in_seconds, seconds
+from deeco import START, in_seconds, seconds
+from deeco.aes_ccm import AesCcmAuthenticator
 from deeco.component import PeriodicTrigger, processes_of
-from deeco.fragments import CHECKSUM, HEADER, Fragmenter
-from deeco.packet import KnowledgePacket, Version, pack
+from deeco.fragments import CHECKSUM, HEADER, Fragmenter, Reassembly
+from deeco.packet import KnowledgePacket, Version, pack, verified_packet
 from deeco.schema import RoleRegistry
 from tests.cleaning.fakes import (
     OPEN,
@@ -140,6 +143,24 @@ def test_relay_settings_of_the_scenario_reach_the_node(rssi_dbm: float, relays: 
     swarm.advance(seconds(2))
     counters = swarm["r2"].behaviour.outcome()["deeco"].counters  # type: ignore[attr-defined]
     assert (counters["packets"], counters["relayed"]) == (1, relays)
+
+
+def test_the_key_of_the_scenario_authenticates_packets_and_needs_a_package(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    exchange = ExchangeSettings(key="00112233445566778899AABBCCDDEEFF")
+    swarm = VirtualSwarm(behaviour, OPEN, {"r1": "a", "r2": "a"}, exchange=exchange)
+    swarm.advance(seconds(3))
+    counters = swarm["r2"].behaviour.outcome()["deeco"].counters  # type: ignore[attr-defined]
+    assert counters["packets"] >= 2 and counters["packets_forged"] == counters["packets_junk"] == 0
+    (data,) = Reassembly().take(START, 1, swarm.medium.sent[0][1].data)
+    tags = AesCcmAuthenticator(bytes.fromhex("00112233445566778899aabbccddeeff"))
+    assert verified_packet(data, tags) == data[:-8]
+    monkeypatch.setitem(sys.modules, "deeco.aes_ccm", None)  # as without cryptography
+    with pytest.raises(
+        BehaviourError, match=r"^deeco\.key requires the Python package cryptography; install "
+    ):
+        VirtualSwarm(behaviour, OPEN, {"r1": "a"}, exchange=exchange)
 
 
 PAGE = (REPOSITORY / "docs" / "authors.md").read_text()

@@ -16,7 +16,7 @@ from deeco.node import CASCADE_LIMIT
 HERE = Path(__file__).parent / "mistakes"
 ROOT = Path(__file__).parents[2]
 PAGE = (ROOT / "docs" / "deeco.md").read_text()
-EXAMPLE, HISTORY = re.findall(r"^```python\n(.*?)^```$", PAGE, re.MULTILINE | re.DOTALL)
+EXAMPLE, KEY, HISTORY = re.findall(r"^```python\n(.*?)^```$", PAGE, re.MULTILINE | re.DOTALL)
 MARK = "# mistake: "
 
 
@@ -41,6 +41,12 @@ def test_the_example_of_a_history_is_a_role() -> None:
     room = names["Room"]
     values = tuple((second, 20.0 + second) for second in range(4))
     assert room(id="hall", recent=values).is_rising() and not room(id="hall", recent=values[:2]).is_rising()
+
+
+def test_the_example_of_a_key_makes_an_authenticator() -> None:
+    names: dict[str, Any] = {}
+    exec(KEY, names)
+    assert names["parameters"].authenticator.tag_size == 8
 
 
 def test_the_numbers_of_the_page_are_those_of_the_code() -> None:

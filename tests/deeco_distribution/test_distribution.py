@@ -176,10 +176,10 @@ def test_the_test_of_the_readme_passes(python: Path, tmp_path: Path) -> None:
 
 @pytest.mark.nightly
 @pytest.mark.timeout(300)
-def test_the_tests_pass_where_only_they_and_msgpack_are_installed(
+def test_the_tests_pass_where_only_their_packages_and_msgpack_are_installed(
     wheel: Path, source: Path, tmp_path: Path
 ) -> None:
-    python = environment(wheel, tmp_path / "environment", "msgpack", "pytest", "hypothesis")
+    python = environment(wheel, tmp_path / "environment", "msgpack", "cryptography", "pytest", "hypothesis")
     shutil.copytree(source, tmp_path / "source", ignore=shutil.ignore_patterns("deeco.egg-info"))
     shutil.rmtree(tmp_path / "source" / "deeco")  # the tests use the installed package
     words = ("-m", "pytest", "-q", "-p", "no:cacheprovider", "-m", "not nightly")

@@ -235,6 +235,7 @@ scenarios = some.fixed_dictionaries(
             relay=some.booleans(),
             hop_limit=some.integers(1, 15),
             relay_below=some.floats(-90, 0),
+            key=maybe(some.binary(min_size=16, max_size=16).map(bytes.hex)),
         ),
         "robots": tables(
             count=some.just(3),

@@ -56,6 +56,8 @@ strategy = "chapter"
 [robots]
 count = 2
 battery = 0.001
+[deeco]
+key = "00112233445566778899aabbccddeeff"
 [[event]]
 at = 3.0
 kill = "r2"
@@ -136,6 +138,7 @@ def test_one_digest_with_a_new_interpreter_per_process(restarted: Run, tmp_path:
     out = tmp_path / "out"
     check_one_digest(reference, Run(out, run(out, scenario, "--spawn", "exec", "--isolate")))
     assert (out / "r2" / "r2.1.mcap").is_file()
+    assert replay_actor(out, "r1").outputs > 50, "with the key of the recording"
 
 
 def test_another_seed_step_or_strategy_gives_another_digest(tmp_path: Path) -> None:

@@ -15,6 +15,7 @@ from typing import Any, Final, Protocol, Self, runtime_checkable
 from numpy.random import Generator
 
 from actors.geometry import CERTAIN, Point, Pose
+from actors.installation.usage import command_name
 from actors.instant import START, Duration, Instant
 from actors.items import ItemGivenUp, ItemKey
 from actors.messages import (
@@ -51,6 +52,7 @@ from deeco.knowledge import new_tuple
 from deeco.link import Reception, Transmission
 from deeco.network import NetworkParameters, RelayParameters
 from deeco.node import Node
+from deeco.packet import PacketAuthenticator
 
 DecisionFields = dict[str, Any]
 """Requests of a step: fields of its Decision."""
@@ -355,4 +357,20 @@ def _network(start: Start) -> NetworkParameters:
         relay = RelayParameters(
             hop_limit=exchange.hop_limit, max_delay=exchange.relay_delay, relay_below_dbm=exchange.relay_below
         )
-    return NetworkParameters(publish_every=exchange.publish, forget_after=exchange.forget, relay=relay)
+    return NetworkParameters(
+        publish_every=exchange.publish,
+        forget_after=exchange.forget,
+        relay=relay,
+        authenticator=None if exchange.key is None else _authenticator(exchange.key),
+    )
+
+
+def _authenticator(key: str) -> PacketAuthenticator:
+    try:
+        from deeco.aes_ccm import AesCcmAuthenticator  # noqa: PLC0415  # optional package
+    except ModuleNotFoundError:
+        raise BehaviourError(
+            "deeco.key requires the Python package cryptography; install it with "
+            f"`{command_name()} add cryptography`, or remove the key"
+        ) from None
+    return AesCcmAuthenticator(bytes.fromhex(key))

@@ -287,6 +287,17 @@ class ExchangeSettings(Settings, frozen=True):
     (RebroadcastStrategy)."""
     forget: _Interval = seconds(30)
     """Age at which replicas are dropped; own choice. JDEECo keeps them forever."""
+    key: (
+        Annotated[
+            str,
+            Meta(
+                pattern=r"\A[0-9a-fA-F]{32}\Z",
+                description="32 hexadecimal digits, as of `openssl rand -hex 16`",
+            ),
+        ]
+        | None
+    ) = None
+    """Key of all nodes that authenticates packets (`deeco.aes_ccm`); absent: no authentication."""
 
 
 _DEFAULT_EXCHANGE: Final = ExchangeSettings()
