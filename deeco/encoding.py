@@ -9,7 +9,7 @@ import types
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, fields, is_dataclass, replace
 from enum import Enum
-from functools import cache
+from functools import cache, cached_property
 from math import isfinite
 from operator import attrgetter
 from types import NoneType
@@ -34,6 +34,7 @@ from deeco.link import LinkParameters
 _LEAST: Final = -(2**63)
 _MOST: Final = 2**64 - 1
 """With _LEAST: range of msgpack integers."""
+_CALL: Final = "helper(value)"
 _IS_INT: Final = f"type(value) is int and {_LEAST} <= value <= {_MOST}"
 
 
@@ -78,17 +79,18 @@ class Codec:
     """Classes of the encoded values."""
     pack: Callable[[Any], Any]
     """Convert a value for msgpack. Raises UnencodableValueError."""
-    unpack: Callable[[Any], Any]
-    """Convert back. Raises only MalformedDataError, for anything that `pack` does not return."""
+    decoder: str
+    """Python expression that converts `value` back; raises only MalformedDataError, for anything that `pack`
+    does not return."""
+    helper: Any = None
+    """Object named `helper` in this expression."""
     depth: int = 0
     """Depth of nested arrays."""
-    inline: str = ""
-    """Python expression equal to `unpack(value)`, for generated decoders; empty: they call `unpack`."""
 
-
-def _inline_codec(signature: str, kind: type, pack: Callable[[Any], Any], inline: str) -> Codec:
-    """Return the codec of one class whose decoder is a Python expression of `value`."""
-    return Codec(signature, frozenset({kind}), pack, eval(f"lambda value: {inline}"), inline=inline)
+    @cached_property
+    def unpack(self) -> Callable[[Any], Any]:
+        """Function with the expression `decoder`."""
+        return cast(Callable[[Any], Any], eval(f"lambda value: {self.decoder}", _scope(helper=self.helper)))
 
 
 def malformed() -> NoReturn:
@@ -110,7 +112,7 @@ def _identity_codec(signature: str, kind: type, values: tuple[Any, ...], expecte
         return value
 
     condition = " or ".join(f"value is {one}" for one in values)
-    return _inline_codec(signature, kind, pack, f"value if {condition} else malformed()")
+    return Codec(signature, frozenset({kind}), pack, f"value if {condition} else malformed()")
 
 
 def _pack_int(value: Any) -> int:
@@ -137,9 +139,12 @@ def _pack_float(value: Any) -> float:
 
 NONE: Final = _identity_codec("None", NoneType, (None,), "None")
 BOOL: Final = _identity_codec("bool", bool, (True, False), "True or False")
-INT: Final = _inline_codec("int", int, _pack_int, f"value if {_IS_INT} else malformed()")
-FLOAT: Final = _inline_codec(
-    "float", float, _pack_float, "value if type(value) is float and isfinite(value) else malformed()"
+INT: Final = Codec("int", frozenset({int}), _pack_int, f"value if {_IS_INT} else malformed()")
+FLOAT: Final = Codec(
+    "float",
+    frozenset({float}),
+    _pack_float,
+    "value if type(value) is float and isfinite(value) else malformed()",
 )
 
 
@@ -153,8 +158,8 @@ def resolution_codec(resolution: Resolution) -> Codec:
             refuse(value, f"a float of up to 64 bits in steps of 1/{per_unit}")
         return round(steps)
 
-    inline = f"value / {per_unit} if {_IS_INT} else malformed()"
-    return _inline_codec(f"float/{per_unit}", float, pack, inline)
+    decoder = f"value / {per_unit} if {_IS_INT} else malformed()"
+    return Codec(f"float/{per_unit}", FLOAT.kinds, pack, decoder)
 
 
 def text_codec(most: int) -> Codec:
@@ -174,7 +179,8 @@ def text_codec(most: int) -> Codec:
         return value
 
     is_short = f"(4 * len(value) <= {most} or text_size(value) <= {most})"
-    return _inline_codec("str", str, pack, f"value if type(value) is str and {is_short} else malformed()")
+    decoder = f"value if type(value) is str and {is_short} else malformed()"
+    return Codec("str", frozenset({str}), pack, decoder)
 
 
 def text_size(value: str) -> int:
@@ -195,7 +201,7 @@ def bytes_codec(most: int) -> Codec:
         return value
 
     is_valid = f"type(value) is bytes and len(value) <= {most}"
-    return _inline_codec("bytes", bytes, pack, f"value if {is_valid} else malformed()")
+    return Codec("bytes", frozenset({bytes}), pack, f"value if {is_valid} else malformed()")
 
 
 def enum_codec(cls: type[Enum]) -> Codec:
@@ -211,7 +217,7 @@ def enum_codec(cls: type[Enum]) -> Codec:
         return index
 
     names = ",".join(member.name for member in members)
-    return Codec(f"{cls.__qualname__}{{{names}}}", frozenset({cls}), pack, _index_decoder(members))
+    return Codec(f"{cls.__qualname__}{{{names}}}", frozenset({cls}), pack, *_index_decoder(members))
 
 
 def literal_codec(values: tuple[Any, ...]) -> Codec:
@@ -229,7 +235,7 @@ def literal_codec(values: tuple[Any, ...]) -> Codec:
 
     signature = ",".join(_literal_text(value) for value in ordered)
     return Codec(
-        f"Literal[{signature}]", frozenset(type(value) for value in values), pack, _index_decoder(ordered)
+        f"Literal[{signature}]", frozenset(type(value) for value in values), pack, *_index_decoder(ordered)
     )
 
 
@@ -237,15 +243,8 @@ def _literal_text(value: object) -> str:
     return f"{type(value).__name__}.{value.name}" if isinstance(value, Enum) else repr(value)
 
 
-def _index_decoder(values: tuple[Any, ...]) -> Callable[[Any], Any]:
-    count = len(values)
-
-    def unpack(index: Any) -> Any:
-        if type(index) is int and 0 <= index < count:
-            return values[index]
-        raise MalformedDataError
-
-    return unpack
+def _index_decoder(values: tuple[Any, ...]) -> tuple[str, tuple[Any, ...]]:
+    return f"helper[value] if type(value) is int and 0 <= value < {len(values)} else malformed()", values
 
 
 _FIXED: Final[dict[Any, Codec]] = {None: NONE, types.NoneType: NONE, bool: BOOL, int: INT}
@@ -346,7 +345,7 @@ class Compiler:
 
 
 def _sequence_codec(item: Codec, most: int) -> Codec:
-    pack_item, unpack_item = item.pack, item.unpack
+    pack_item = item.pack
 
     def pack(value: Any) -> tuple[Any, ...]:
         if not isinstance(value, tuple):
@@ -357,12 +356,9 @@ def _sequence_codec(item: Codec, most: int) -> Codec:
             )
         return tuple(map(pack_item, value))
 
-    def unpack(packed: Any) -> tuple[Any, ...]:
-        if type(packed) is not tuple or len(packed) > most:
-            raise MalformedDataError
-        return tuple(map(unpack_item, packed))
-
-    return Codec(f"[{item.signature},...]", frozenset({tuple}), pack, unpack, 1 + item.depth)
+    is_valid = f"type(value) is tuple and len(value) <= {most}"
+    decoder = f"tuple([{item.decoder} for value in value]) if {is_valid} else malformed()"
+    return Codec(f"[{item.signature},...]", frozenset({tuple}), pack, decoder, item.helper, 1 + item.depth)
 
 
 def _tuple_codec(codecs: Sequence[Codec]) -> Codec:
@@ -376,7 +372,7 @@ def _tuple_codec(codecs: Sequence[Codec]) -> Codec:
 
     unpack = _decoder(codecs, f"return {_tuple_of(expressions(codecs))}")
     signature = ",".join(codec.signature for codec in codecs)
-    return Codec(f"[{signature}]", frozenset({tuple}), pack, unpack, _depth(codecs))
+    return Codec(f"[{signature}]", frozenset({tuple}), pack, _CALL, unpack, _depth(codecs))
 
 
 def _class_codec(cls: type, names: tuple[str, ...], codecs: Sequence[Codec]) -> Codec:
@@ -390,19 +386,17 @@ def _class_codec(cls: type, names: tuple[str, ...], codecs: Sequence[Codec]) -> 
         return pack_items(attributes(value))
 
     signature = ",".join(f"{name}:{codec.signature}" for name, codec in zip(names, codecs, strict=True))
-    return Codec(f"{cls.__qualname__}({signature})", frozenset({cls}), pack, unpack, _depth(codecs))
+    return Codec(f"{cls.__qualname__}({signature})", frozenset({cls}), pack, _CALL, unpack, _depth(codecs))
 
 
 def _optional_codec(codec: Codec) -> Codec:
-    pack_value, unpack_value = codec.pack, codec.unpack
+    pack_value = codec.pack
 
     def pack(value: Any) -> Any:
         return None if value is None else pack_value(value)
 
-    def unpack(packed: Any) -> Any:
-        return None if packed is None else unpack_value(packed)
-
-    return Codec(f"?{codec.signature}", codec.kinds | NONE.kinds, pack, unpack, codec.depth)
+    decoder = f"None if value is None else {codec.decoder}"
+    return Codec(f"?{codec.signature}", codec.kinds | NONE.kinds, pack, decoder, codec.helper, codec.depth)
 
 
 def _union_codec(alternatives: tuple[Codec, ...]) -> Codec:
@@ -429,7 +423,7 @@ def _union_codec(alternatives: tuple[Codec, ...]) -> Codec:
     orders = {
         kind: sorted(indices, key=lambda index: kind not in alternatives[index].kinds) for kind in kinds
     }
-    return Codec(f"({signature})", kinds, pack, unpack, _depth(alternatives))
+    return Codec(f"({signature})", kinds, pack, _CALL, unpack, _depth(alternatives))
 
 
 def _depth(codecs: Sequence[Codec]) -> int:
@@ -454,7 +448,7 @@ def attribute_getter(names: tuple[str, ...]) -> Callable[[Any], tuple[Any, ...]]
 def expressions(codecs: Sequence[Codec]) -> list[str]:
     """Return Python expressions that decode `value0`, `value1`, … of a generated decoder."""
     return [
-        f"({codec.inline or f'unpack{index}(value)'})".replace("value", f"value{index}")
+        f"({codec.decoder})".replace("value", f"value{index}").replace("helper", f"helper{index}")
         for index, codec in enumerate(codecs)
     ]
 
@@ -504,10 +498,14 @@ def unpack(packed, id=None):
 def _decoder(codecs: Sequence[Codec], body: str, **names: Any) -> Callable[..., Any]:
     """Return a function that unpacks a tuple of exactly these codecs, and then runs statements."""
     variables = ", ".join(f"value{index}" for index in range(len(codecs)))
-    functions = {f"unpack{index}": codec.unpack for index, codec in enumerate(codecs)}
-    scope = {"isfinite": isfinite, "malformed": malformed, "text_size": text_size, **functions, **names}
+    helpers = {f"helper{index}": codec.helper for index, codec in enumerate(codecs)}
+    scope = _scope(**helpers, **names)
     exec(_compiled(_DECODER.format(count=len(codecs), variables=variables, body=body)), scope)
     return cast(Callable[..., Any], scope["unpack"])
+
+
+def _scope(**names: Any) -> dict[str, Any]:
+    return {"isfinite": isfinite, "malformed": malformed, "text_size": text_size, **names}
 
 
 @cache

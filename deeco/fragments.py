@@ -22,6 +22,8 @@ HEADER: Final = struct.Struct("<HHHHB")
 """totalSize, payloadSize, startPos, dataId, srcNode."""
 CHECKSUM: Final = struct.Struct("<I")
 """CRC-32 (zlib) after the packet."""
+_RESIDUE: Final = zlib.crc32(bytes(CHECKSUM.size))
+"""CRC-32 of any packet followed by its CRC-32."""
 SHORTEST: Final = HEADER.size + 1 + CHECKSUM.size
 """Bytes of the shortest packet in a frame, with header and checksum."""
 _IDS: Final = 1 << 16
@@ -231,9 +233,8 @@ class Reassembly:
         return begun
 
     def _verified(self, whole: bytes) -> bytes | None:
-        packet = whole[: -CHECKSUM.size]
-        if CHECKSUM.unpack_from(whole, len(packet))[0] != zlib.crc32(packet):
+        if zlib.crc32(whole) != _RESIDUE:
             self._counters.bad_checksum += 1
             return None
         self._counters.complete += 1
-        return packet
+        return whole[: -CHECKSUM.size]

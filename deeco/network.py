@@ -107,23 +107,27 @@ class Replicas:
         self._older[component] = version, increases
         return version > older and increases >= _OLDER_VERSIONS
 
-    def put(self, replica: Replica) -> None:
-        """Add or replace a replica by a newer version."""
-        self._versions.pop(replica.id, None)
-        self._versions[replica.id] = replica.version
-        self._older.pop(replica.id, None)
+    def put(self, replica: Replica) -> Replica | None:
+        """Add or replace a replica by a newer version; return the previous one, if any."""
+        component = replica.id
+        self._versions.pop(component, None)
+        self._versions[component] = replica.version
+        self._older.pop(component, None)
         if len(self._versions) > 4 * self._most:
             forgotten = next(iter(self._versions))
             del self._versions[forgotten]
             self._older.pop(forgotten, None)
-        is_new = replica.id not in self._by_id
-        if is_new and len(self._by_id) >= self._most:
+        self._oldest = min(self._oldest, replica.heard)
+        before = self._by_id.get(component)
+        if before is not None:
+            self._by_id[component] = replica
+            return before
+        if len(self._by_id) >= self._most:
             self._counters.replicas_evicted += 1
             del self._by_id[min(self._by_id.values(), key=lambda one: (one.heard, one.id)).id]
-        self._by_id[replica.id] = replica
-        self._oldest = min(self._oldest, replica.heard)
-        if is_new:
-            self._by_id = dict(sorted(self._by_id.items()))
+        self._by_id[component] = replica
+        self._by_id = dict(sorted(self._by_id.items()))
+        return None
 
     def drop_old(self, now: Instant) -> None:
         """Drop replicas that have not been received for too long."""
@@ -267,11 +271,8 @@ class NetworkParameters:
         check_duration("NetworkParameters: forget_after", self.forget_after)
 
 
-class ReplicaUpdate(NamedTuple):
-    """A new or changed replica."""
-
-    before: Replica | None
-    after: Replica
+ReplicaUpdate = tuple[Replica | None, Replica]
+"""Previous replica of a component, if any, and the new one."""
 
 
 class Network:
@@ -336,11 +337,10 @@ class Network:
 
     def take(self, reception: Reception) -> list[ReplicaUpdate]:
         """Return the replicas changed by the packets that this frame completes."""
-        whole = self._reassembly.take(reception.instant, reception.sender, reception.data)
         updates: list[ReplicaUpdate] = []
-        for data in whole:
+        for data in self._reassembly.take(reception.instant, reception.sender, reception.data):
             if update := self._process_packet(data, reception):
-                updates += (update,)
+                updates.append(update)
         return updates
 
     def transmissions(self) -> list[Transmission]:
@@ -406,8 +406,7 @@ class Network:
         if self._has_histories:
             roles = self._with_histories(component, roles, reception.instant)
         replica = Replica(component, packet.version, roles, contact)
-        update = new_tuple(ReplicaUpdate, (self.replicas.get(component), replica))
-        self.replicas.put(replica)
+        before = self.replicas.put(replica)
         if relay is not None and relay.should_relay(packet, rssi_dbm) and self._may_relay(replica):
             relay.take(packet, data, reception.instant, rssi_dbm)
-        return update
+        return before, replica

@@ -18,7 +18,7 @@ from deeco.instant import START, Duration, Instant, Task, in_seconds
 from deeco.knowledge import Knowledge, new_tuple, role_subclasses, roles_of
 from deeco.link import Reception, Transmission
 from deeco.local import BoundEnsemble, BoundProcess, Commit, CommitListener, LocalComponent
-from deeco.network import Network, NetworkParameters, Replica, Replicas, ReplicaUpdate
+from deeco.network import Network, NetworkParameters, Replica, Replicas
 from deeco.schema import RoleRegistry
 from deeco.statistics import Statistics
 
@@ -231,7 +231,7 @@ class Node:
         self._network.replicas.drop_old(self._now)
         for reception in inputs:
             for update in self._network.take(reception):
-                self._process_update(update)
+                self._process_update(*update)
         self._tasks.run(until)
         self._now = until
         return self._network.transmissions()
@@ -320,13 +320,13 @@ class Node:
         assert self._observer is not None
         self._observer.committed(commit, self._network.replicas.get(commit.peer))
 
-    def _process_update(self, update: ReplicaUpdate) -> None:
+    def _process_update(self, before: Replica | None, after: Replica) -> None:
         """Evaluate the ensembles whose watched facts changed."""
         if self._observer is not None:
             for component in self._locals:
-                self._observer.replica_received(component.id, update.after, self._now)
+                self._observer.replica_received(component.id, after, self._now)
         for ensemble in self._change_ensembles:
-            if any(_differs(update, fact) for fact in ensemble.type.on_change):
+            if any(_differs(before, after, fact) for fact in ensemble.type.on_change):
                 self._evaluate(ensemble, self._now)
 
     def _roles(self) -> tuple[type[Knowledge], ...]:
@@ -343,8 +343,8 @@ class Node:
         return not self._ensembles
 
 
-def _differs(update: ReplicaUpdate, fact: Fact) -> bool:
-    return update.before is None or _value(update.before, fact) != _value(update.after, fact)
+def _differs(before: Replica | None, after: Replica, fact: Fact) -> bool:
+    return before is None or _value(before, fact) != _value(after, fact)
 
 
 def _value(replica: Replica, fact: Fact) -> object:

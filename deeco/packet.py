@@ -6,6 +6,7 @@ a tag of everything but the hop count, which relays change.
 """
 
 from collections.abc import Container
+from functools import partial
 from hmac import compare_digest
 from typing import Any, Final, NamedTuple, Protocol
 
@@ -117,49 +118,54 @@ class Unpacker:
         self._known = known
         self._most = most
         self._cache: dict[bytes, KnowledgePacket] = {}
-        self._bounds = {
-            "max_array_len": max(limits.max_items, _HEAD + 2 * limits.max_roles),
-            "max_str_len": max(limits.max_text, limits.max_id),
-            "max_bin_len": limits.max_text,
-            "max_map_len": 0,
-            "max_ext_len": 0,
-        }
+        self._unpack = partial(
+            msgpack.unpackb,
+            use_list=False,
+            raw=False,
+            strict_map_key=True,
+            max_array_len=max(limits.max_items, _HEAD + 2 * limits.max_roles),
+            max_str_len=max(limits.max_text, limits.max_id),
+            max_bin_len=limits.max_text,
+            max_map_len=0,
+            max_ext_len=0,
+        )
 
     def unpack(self, data: bytes) -> KnowledgePacket | None:
         """Return the packet; None if `data` (untrusted) is not a valid packet. Never raises."""
-        if not 0 < len(data) <= self._limits.max_packet or data[0] & 0xF != _KNOWLEDGE:
+        if not data or (head := data[0]) & 0xF != _KNOWLEDGE:
             return None
-        body = data[1:]
-        cached = self._cache.get(body)
-        if cached is not None:
-            return new_tuple(KnowledgePacket, (cached.component, cached.version, data[0] >> 4, cached.roles))
-        packet = self._decode(body, data[0] >> 4)
-        if packet is not None:
-            self._cache[body] = packet
-            if len(self._cache) > self._most:
+        body, hops = data[1:], head >> 4
+        packet = self._cache.get(body)
+        if packet is None:
+            packet = self._decode(body, hops) if len(data) <= self._limits.max_packet else None
+            if packet is None:
+                return None
+            if len(self._cache) >= self._most:
                 del self._cache[next(iter(self._cache))]
+        elif packet.hops == hops:
+            return packet
+        else:
+            packet = new_tuple(KnowledgePacket, (packet.component, packet.version, hops, packet.roles))
+        self._cache[body] = packet
         return packet
-
-    def _is_role(self, key: object, fields: object) -> bool:
-        if type(key) is not int or not 0 <= key < 2**32 or type(fields) is not tuple:
-            return False
-        return key in self._known or not _is_deeper(fields, self._limits.max_depth + 1)
 
     def _decode(self, data: bytes, hops: int) -> KnowledgePacket | None:
         try:
-            body = msgpack.unpackb(data, use_list=False, raw=False, strict_map_key=True, **self._bounds)
+            body = self._unpack(data)
         except (ValueError, msgpack.UnpackException):  # ValueError: out of bounds, or text that is not UTF-8
             return None
         if type(body) is not tuple or (size := len(body)) < _HEAD or size % 2 != _HEAD % 2:
             return None
-        component, epoch, counter, *rest = body
-        if type(component) is not str or text_size(component) > self._limits.max_id:
+        component, epoch, counter = body[:_HEAD]
+        is_version = type(epoch) is type(counter) is int and epoch >= 0 and counter >= 0
+        if not is_version or type(component) is not str or text_size(component) > self._limits.max_id:
             return None
-        if not (type(epoch) is type(counter) is int and epoch >= 0 and counter >= 0):
-            return None
-        roles = (tuple(rest),) if size == _HEAD + 2 else tuple(zip(rest[::2], rest[1::2], strict=True))
+        rest = body[_HEAD:]
+        roles = (rest,) if len(rest) == 2 else tuple(zip(rest[::2], rest[1::2], strict=True))
         for key, fields in roles:
-            if not self._is_role(key, fields):
+            if type(key) is not int or not 0 <= key < 2**32 or type(fields) is not tuple:
+                return None
+            if key not in self._known and _is_deeper(fields, self._limits.max_depth + 1):
                 return None
         return new_tuple(KnowledgePacket, (component, new_tuple(Version, (epoch, counter)), hops, roles))
 
