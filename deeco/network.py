@@ -112,7 +112,8 @@ class Replicas:
         component = replica.id
         self._versions.pop(component, None)
         self._versions[component] = replica.version
-        self._older.pop(component, None)
+        if self._older:
+            self._older.pop(component, None)
         if len(self._versions) > 4 * self._most:
             forgotten = next(iter(self._versions))
             del self._versions[forgotten]

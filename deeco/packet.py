@@ -121,8 +121,6 @@ class Unpacker:
         self._unpack = partial(
             msgpack.unpackb,
             use_list=False,
-            raw=False,
-            strict_map_key=True,
             max_array_len=max(limits.max_items, _HEAD + 2 * limits.max_roles),
             max_str_len=max(limits.max_text, limits.max_id),
             max_bin_len=limits.max_text,
@@ -156,18 +154,18 @@ class Unpacker:
             return None
         if type(body) is not tuple or (size := len(body)) < _HEAD or size % 2 != _HEAD % 2:
             return None
-        component, epoch, counter = body[:_HEAD]
+        component, version, rest = body[0], body[1:_HEAD], body[_HEAD:]
+        epoch, counter = version
         is_version = type(epoch) is type(counter) is int and epoch >= 0 and counter >= 0
         if not is_version or type(component) is not str or text_size(component) > self._limits.max_id:
             return None
-        rest = body[_HEAD:]
         roles = (rest,) if len(rest) == 2 else tuple(zip(rest[::2], rest[1::2], strict=True))
         for key, fields in roles:
             if type(key) is not int or not 0 <= key < 2**32 or type(fields) is not tuple:
                 return None
             if key not in self._known and _is_deeper(fields, self._limits.max_depth + 1):
                 return None
-        return new_tuple(KnowledgePacket, (component, new_tuple(Version, (epoch, counter)), hops, roles))
+        return new_tuple(KnowledgePacket, (component, new_tuple(Version, version), hops, roles))
 
 
 def increment_hops(data: bytes) -> bytes:

@@ -151,19 +151,16 @@ class RoleRegistry:
         A packet is invalid if it repeats a role or if a role's fields do not match its encoding exactly.
         """
         found: dict[int, Knowledge] = {}
-        unknown = 0
         try:
             for key, fields in packed:
                 role = self._by_fingerprint.get(key)
-                if role is None:
-                    unknown += 1
-                elif key in found:
+                if key in found:
                     return None
-                else:
+                if role is not None:
                     found[key] = role.unpack(fields, component)
         except MalformedDataError:
             return None
-        return new_tuple(UnpackedRoles, (tuple(found.values()), unknown))
+        return new_tuple(UnpackedRoles, (tuple(found.values()), len(packed) - len(found)))
 
 
 def _place(cls: type) -> str:
