@@ -69,6 +69,8 @@ class RobotSetup(RobotDescription, frozen=True, kw_only=True):
     """Standard deviation of `start`, m and rad; the robot stands until located. None: exact."""
     detail: RecordDetail = "lean"
     """Level of detail of the recording."""
+    key_file: str | None = None
+    """File in the robot's folder with `adaptation.exchange.key`, which is not recorded; None: no file."""
 
     @property
     def pose(self) -> Pose:

@@ -12,6 +12,7 @@ from actors.robot.core import RobotCore
 from actors.robot.stack import Stack
 from actors.robot_model import load_model
 from actors.runtime.core import to
+from actors.runtime.isolation import credentials
 from actors.runtime.isolation.sandbox import ProcessLimits
 from actors.runtime.process import ActorProcess, run_note
 from actors.runtime.process_setup import ActorSetup, ProcessSetup, read_setup, resolve_model
@@ -44,6 +45,13 @@ def load_setup(path: Path) -> RobotProgram:
 
 def build(setup: RobotSetup, folder: Path) -> RobotCore:
     """Return the core of a robot whose files are in `folder`. Raises AcrcError for invalid parts."""
+    if setup.key_file is not None:
+        adaptation = setup.adaptation
+        exchange = msgspec.structs.replace(
+            adaptation.exchange, key=credentials.read_packet_key(folder / setup.key_file)
+        )
+        adaptation = msgspec.structs.replace(adaptation, exchange=exchange)
+        setup = msgspec.structs.replace(setup, adaptation=adaptation)
     model = load_model(resolve_model(setup.model, folder), setup.sensor)
     return robot(setup, model, load_map(folder / setup.map))
 

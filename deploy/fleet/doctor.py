@@ -34,6 +34,7 @@ from actors.robot.behaviour.code_permit import INSTALLED, Permit
 from actors.robot_model import load_model
 from actors.runtime.errors import AcrcError
 from actors.runtime.isolation import sandbox
+from actors.runtime.isolation.credentials import PACKET_KEY_FILE, read_packet_key
 from actors.runtime.isolation.tls import load_keys
 from actors.task.loading import decode_items, load_task
 from actors.user_code import set_folders
@@ -357,12 +358,21 @@ def check_keys(fleet: Fleet, robot: FleetRobot) -> str:
     return f"{files.certificate} is valid until {ends:%Y-%m-%d}"
 
 
+def check_packet_key(fleet: Fleet, robot: FleetRobot) -> str:
+    """Check that the key of packets is readable, valid and private."""
+    file = fleet.key_folder(robot.id) / PACKET_KEY_FILE
+    read_packet_key(file)
+    return f"{file} is private"
+
+
 def check_configuration(fleet: Fleet, robot: FleetRobot, permit: Permit) -> Iterator[DoctorFinding]:
-    """Check map, start, items and behaviour, and the keys of a robot with `listen`."""
+    """Check map, start, items, behaviour, and the keys that the robot needs."""
     yield from check_floor(fleet, robot)
     yield run_check("behaviour", check_behaviour, fleet, robot, permit)
     if robot.listen is not None:
         yield run_check("keys", check_keys, fleet, robot)
+    if fleet.radio.authenticated:
+        yield run_check("packet key", check_packet_key, fleet, robot)
 
 
 def run_checks(

@@ -50,6 +50,8 @@ class FleetRadioTable(Settings, frozen=True):
     """Channel in the 2.4 GHz band. Default: as the original robots; 26 has least interference from Wi-Fi."""
     power_db: float = 0.0
     """Transmit power, dBm. Default: maximum."""
+    authenticated: bool = False
+    """Authenticate packets with the file `packets.key` in each robot's folder of keys."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -198,6 +200,11 @@ def parse_fleet(text: str, path: Path) -> Fleet:
 
 def _fault(file: _FleetFile) -> str | None:
     """Return the first inconsistency between tables, in words; None if there is none."""
+    if file.deeco.key is not None:
+        return (
+            "deeco.key must be absent, as fleet files are not secret; use radio.authenticated = true and the "
+            "key of `acrc fleet keys`"
+        )
     ids = [robot.id for robot in file.robot]
     if fault := repetition_fault(ids, "robot[{}].id", "each robot must have its own id"):
         return fault

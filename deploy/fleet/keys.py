@@ -2,6 +2,7 @@
 
 import os
 import re
+import secrets
 import shutil
 import tempfile
 from collections.abc import Iterator, Mapping, Sequence
@@ -13,7 +14,7 @@ from typing import Final
 
 from actors.installation.usage import wrong_value
 from actors.runtime.errors import AcrcError
-from actors.runtime.isolation.credentials import PRIVATE_KEY_FILE
+from actors.runtime.isolation.credentials import PACKET_KEY_FILE, PRIVATE_KEY_FILE, write_secret
 from actors.runtime.isolation.tls import AUTHORITY_FILE, CERTIFICATE_FILE, OPERATOR
 from deploy.fleet.fleet_file import Fleet, FleetRobot
 from deploy.hosts import certificates
@@ -80,12 +81,15 @@ def create_keys(
     issuer = certificates.create_authority(f"fleet {fleet.path.stem}", now, days)
     with _new_folder(out) as draft:
         _write(draft / AUTHORITY_FOLDER, issuer, issuer)
+        packet_key = secrets.token_hex(16)
         for machine in fleet_keys.machines:
             purpose = CLIENT if machine.machine == OPERATOR else SERVER
             machine_key = certificates.issue_certificate(
                 issuer, machine.machine, [purpose], machine.hosts, now, days
             )
             _write(draft / machine.machine, issuer, machine_key)
+            if machine.machine != OPERATOR:
+                write_secret(draft / machine.machine / PACKET_KEY_FILE, packet_key)
         (draft / ".gitignore").write_text("# Never commit private keys.\n*\n")
     return fleet_keys
 

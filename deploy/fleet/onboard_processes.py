@@ -71,6 +71,8 @@ class OnboardRobot:
     """File with the robot's last pose estimate; None: a new file in the base's folder."""
     link_fault: Callable[[], str] = str
     """Returns why a laptop cannot connect; empty if it can."""
+    packet_key: Path | None = None
+    """File with the key of the fleet's packets; None: packets are not authenticated."""
 
     @property
     def pose_file(self) -> Path:
@@ -106,15 +108,22 @@ def write_folders(onboard: OnboardRobot) -> None:
 
 
 def issue_passwords(onboard: OnboardRobot) -> Credentials:
-    """Create new passwords: the robot's in its folder, all others in the base's."""
+    """Create new passwords: the robot's in its folder, all others in the base's. Copy the key of packets.
+
+    Raises AcrcError.
+    """
     plan = onboard.plan
+    if onboard.packet_key is not None:
+        key = credentials.read_packet_key(onboard.packet_key)
+        credentials.write_secret(plan.folder(onboard.robot.id) / credentials.PACKET_KEY_FILE, key)
     issued = credentials.issue({onboard.robot.id: plan.folder(onboard.robot.id)}, onboard.folder(BASE))
     credentials.write_router_file(onboard.router, issued)
     return issued
 
 
 def remove_passwords(onboard: OnboardRobot) -> None:
-    """Remove remaining passwords and sockets."""
+    """Remove remaining passwords and sockets, and the copied key."""
+    (onboard.plan.folder(onboard.robot.id) / credentials.PACKET_KEY_FILE).unlink(missing_ok=True)
     credentials.remove_router_file(onboard.router)
 
 
@@ -162,7 +171,8 @@ def onboard_robot_program(onboard: OnboardRobot, start: int) -> Program:
     order = ProcessOrder(robot.id, onboard.next_epoch())
     program = robot_program(onboard.plan, robot, order, first_step=0, name=_numbered_name(robot.id, start))
     assert program.setup is not None
-    actor_setup = msgspec.structs.replace(program.setup.actor, doubt=doubt)
+    key_file = None if onboard.packet_key is None else credentials.PACKET_KEY_FILE
+    actor_setup = msgspec.structs.replace(program.setup.actor, doubt=doubt, key_file=key_file)
     process = msgspec.structs.replace(program.setup.process, spares_record=True)
     program = replace(program, setup=ActorSetup(actor_setup, process))
     if onboard.debug_port is None:

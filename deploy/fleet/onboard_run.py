@@ -25,6 +25,7 @@ from actors.processes.signals import signals_as_interrupts
 from actors.robot.behaviour.code_permit import Permit
 from actors.robot_model import load_model
 from actors.runtime.errors import AcrcError
+from actors.runtime.isolation.credentials import PACKET_KEY_FILE
 from actors.runtime.isolation.sandbox import choose_isolation
 from actors.runtime.process_table import process_state
 from deploy.fleet import onboard_processes as layout
@@ -266,6 +267,7 @@ def prepare(fleet: Fleet, name: str, options: OnboardOptions, say: Callable[[str
         options.debug_port,
         pose_file,
         functools.partial(_link_fault, fleet, robot),
+        fleet.key_folder(name) / PACKET_KEY_FILE if fleet.radio.authenticated else None,
     )
 
 

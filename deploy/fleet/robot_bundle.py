@@ -18,7 +18,7 @@ from actors.processes.launcher import scratch_folder
 from actors.robot.behaviour.code_permit import Permit
 from actors.runtime import regular_file
 from actors.runtime.errors import AcrcError, printable
-from actors.runtime.isolation.credentials import PRIVATE_KEY_FILE
+from actors.runtime.isolation.credentials import PACKET_KEY_FILE, PRIVATE_KEY_FILE
 from actors.runtime.isolation.tls import AUTHORITY_FILE, CERTIFICATE_FILE
 from actors.settings import read_text, toml_tables
 from actors.task.loading import task_entry
@@ -120,9 +120,11 @@ def _configuration(fleet: Fleet, robot: FleetRobot) -> tuple[_Files, str]:
     paths = {Path(os.path.normpath(path)) for path in (fleet.path, *map_files(local(tables["map"])))}
     paths |= {local(one["model"]) for one in tables["robot"] if one.get("model", "").endswith(".toml")}
     private = set[Path]()
-    if robot.listen is not None:
+    needed = [] if robot.listen is None else [AUTHORITY_FILE, CERTIFICATE_FILE, PRIVATE_KEY_FILE]
+    needed += [PACKET_KEY_FILE] if fleet.radio.authenticated else []
+    if needed:
         keys = local(tables.get("keys", Path(fleet.keys).name)) / robot.id
-        private = {keys / name for name in (AUTHORITY_FILE, CERTIFICATE_FILE, PRIVATE_KEY_FILE)}
+        private = {keys / name for name in needed}
     top = os.path.commonpath([path.parent for path in paths | private])
     names = {path: f"{CONFIGURATION}/{path.relative_to(top)}" for path in paths | private}
     configuration = {

@@ -193,6 +193,33 @@ def test_failures_of_strategies_are_reported(tmp_path: Path) -> None:
     )
 
 
+def test_the_key_of_packets_must_be_valid_and_private(tmp_path: Path) -> None:
+    own = fleet(
+        "[radio]\nauthenticated = true" + robot(1),
+        head=f'keys = "{tmp_path}"\nmap = "{ROOT}/maps/corridor.yaml"\n',
+    )
+    file = tmp_path / "r1" / "packets.key"
+
+    def found() -> DoctorFinding:
+        *_, last = doctor.check_configuration(own, own.robot_named("r1"), INSTALLED)
+        return last
+
+    assert found() == failed(
+        "packet key",
+        f"{file} cannot be read (No such file or directory); it is the key of the fleet's packets: copy it "
+        "from a robot's folder of `acrc fleet keys`",
+    )
+    file.parent.mkdir()
+    for content in (b"", b"secret", b"0" * 31, b"0" * 33, b"\xff" * 32, b"0" * 2000):
+        file.write_bytes(content)
+        file.chmod(0o600)
+        assert found() == failed("packet key", f"{file} is damaged; must contain 32 hexadecimal digits")
+    file.write_text("0123456789abcdef0123456789ABCDEF\n")
+    assert found() == passed("packet key", f"{file} is private")
+    file.chmod(0o640)
+    assert found().text == f"{file} is readable by other users; run `chmod 600 {file}`"
+
+
 def test_keys_must_be_valid_private_and_of_this_robot(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

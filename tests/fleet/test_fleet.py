@@ -15,6 +15,7 @@ from cryptography.x509.verification import PolicyBuilder, Store
 
 from actors.robot.behaviour.code_permit import Permit
 from actors.runtime.errors import AcrcError
+from actors.runtime.isolation.credentials import read_packet_key
 from actors.runtime.isolation.tls import Keys, load_keys
 from actors.task.loading import load_task
 from actors.user_code import FINDER
@@ -89,6 +90,11 @@ def test_paths_are_relative_to_the_file_not_to_the_working_directory(
         (robot(1) + robot(1, "address = 2"), 'robot[1].id is a second "r1"; each robot must have its own id'),
         (robot(1) + robot(2, "address = 1"), "robot[1].address: 1 is the address of r1, too"),
         (robot(1, 'range = "/dev/kobuki"'), 'robot[0].range: "/dev/kobuki" is the port of base, too'),
+        (
+            '[deeco]\nkey = "00112233445566778899aabbccddeeff"' + ROBOT,
+            "deeco.key must be absent, as fleet files are not secret; use radio.authenticated = true and the "
+            "key of `acrc fleet keys`",
+        ),
         ("[deeco]\nhop_limit = 16" + ROBOT, "deeco.hop_limit is 16, but must be a whole number from 1 to 15"),
     ],
 )
@@ -230,6 +236,10 @@ def test_every_machine_gets_its_own_folder_without_the_authoritys_key(tmp_path: 
     assert {stat.S_IMODE(path.stat().st_mode) for path in private} == {0o600}
     assert {stat.S_IMODE(path.stat().st_mode) for path in folders} == {0o700}
     assert len({path.read_bytes() for path in private}) == 6
+    packet_keys = sorted(keys.home.parent.glob("*/packets.key"))
+    assert [path.parent.name for path in packet_keys] == ["r1", "r2", "r3", "r4"]
+    assert {stat.S_IMODE(path.stat().st_mode) for path in packet_keys} == {0o600}
+    assert len({read_packet_key(path) for path in packet_keys}) == 1, "one key of all robots"
     assert (tmp_path / "keys" / ".gitignore").read_text().endswith("\n*\n")
 
 
@@ -300,6 +310,8 @@ def test_machines_with_new_keys_reject_revoked_ones(tmp_path: Path) -> None:
     assert sorted(path.name for path in tmp_path.iterdir()) == ["keys", aside.name]
     assert [one.hosts for one in new.machines[:3]] == [one.hosts for one in old.machines[:3]]
     assert set(new.machines[3].hosts) == {"r4", "r4.local", "fe80::1", "10.0.0.4"}
+    packet_keys = [read_packet_key(folder / "r1" / "packets.key") for folder in (tmp_path / "keys", aside)]
+    assert packet_keys[0] != packet_keys[1]
     authority = certificate(new.home, "authority.pem")
     verifier = PolicyBuilder().store(Store([authority])).time(later)
     for one in new.machines[:-1]:

@@ -347,6 +347,7 @@ def test_bundle_contains_a_users_strategy_and_its_imports(clone: SmallClone, tmp
     for name, text in (("mine.py", OWN), ("helper.py", ""), ("other.py", "raise ValueError")):
         (own / name).write_text(text)
     text = clone.office.read_text().replace('strategy = "chapter"', 'strategy = "mine:behaviour"')
+    text = text.replace("[radio]", "[radio]\nauthenticated = true")
     for given, left in (("adoption_distance", "# "), ("listen =", "# listen =")):
         text = text.replace(given, left)
     clone.office.write_text(text)
@@ -355,7 +356,9 @@ def test_bundle_contains_a_users_strategy_and_its_imports(clone: SmallClone, tmp
     assert (made.lacks, made.own_code) == ("pandas, networkx", True)
     names = members(tmp_path / "b.tar")
     assert [name for name in names if name.startswith("modules/")] == ["modules/helper.py", "modules/mine.py"]
-    assert not any("office-keys" in name for name in names), "a robot that does not listen needs no keys"
+    assert [(name, one.mode) for name, one in names.items() if "office-keys" in name] == [
+        ("fleets/office-keys/r2/packets.key", 0o600)
+    ], "a robot that does not listen needs no certificate"
 
 
 @pytest.mark.parametrize(

@@ -19,11 +19,17 @@ from actors.instant import Instant, seconds
 from actors.messages import Odometry, ProcessOrder
 from actors.processes.launcher import ChildProcess, Program
 from actors.robot.assembly import RobotSetup
+from actors.robot.behaviour.node_host import node_of
+from actors.robot.program import actor_process_of
 from actors.runtime import typed_json
 from actors.runtime.errors import AcrcError
+from actors.runtime.isolation import credentials
 from actors.runtime.process import RunNote
 from actors.runtime.process_setup import SETUP
 from actors.runtime.recording import Recorder
+from deeco.aes_ccm import AesCcmAuthenticator
+from deeco.fragments import Reassembly
+from deeco.packet import verified_packet
 from deploy.fleet import keys as fleet_keys
 from deploy.fleet import onboard_processes
 from deploy.fleet.onboard_processes import EpochCounter, OnboardRobot, Ports, onboard_robot_program
@@ -179,6 +185,29 @@ def test_the_robots_files_are_as_in_simulation(alone: RunPlan, tmp_path: Path) -
     with pytest.raises(OptionError) as refused:
         onboard_processes.write_folders(OnboardRobot(alone, PORTS, lambda: 0))
     assert str(refused.value) == f"--out: {alone.out} already contains r1/; choose another directory"
+
+
+def test_the_key_of_packets_is_in_no_recording_and_removed_at_the_end(alone: RunPlan, tmp_path: Path) -> None:
+    key, file = "00112233445566778899aabbccddeeff", tmp_path / "packets.key"
+    credentials.write_secret(file, key)
+    prepared = OnboardRobot(alone, PORTS, lambda: 3, packet_key=file)
+    onboard_processes.write_folders(prepared)
+    onboard_processes.issue_passwords(prepared)
+    copied = alone.folder("r1") / "packets.key"
+    assert copied.read_text() == f"{key}\n" and copied.stat().st_mode & 0o777 == 0o600
+    program = onboard_robot_program(prepared, 0)
+    assert program.setup is not None and key not in str(typed_json.dump(program.setup))
+    process = actor_process_of(program.setup.actor, alone.folder("r1"), "r1", "abc")
+    assert process.run.setup is not None and key not in str(process.run)
+    node = node_of(process.core.behaviour)  # type: ignore[attr-defined]
+    assert node is not None
+    (sent,) = node.advance(Instant(seconds(1)))
+    (data,) = Reassembly().take(sent.instant, 1, sent.data)
+    assert verified_packet(data, AesCcmAuthenticator(bytes.fromhex(key))) == data[:-8]
+    onboard_processes.remove_passwords(prepared)
+    assert not copied.exists() and file.exists()
+    with pytest.raises(AcrcError, match=f"^{copied} cannot be read .* copy it from a robot's folder of "):
+        actor_process_of(program.setup.actor, alone.folder("r1"), "r1", "abc")
 
 
 def test_each_start_has_its_own_epoch_and_recording(alone: RunPlan) -> None:

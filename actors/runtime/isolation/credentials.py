@@ -21,6 +21,9 @@ NON_ROBOTS: Final = ("radio", "observer", "operator")
 
 PRIVATE_KEY_FILE: Final = "key.pem"
 """A machine's private key, in the folder with its certificate."""
+PACKET_KEY_FILE: Final = "packets.key"
+"""The key of all packets of a fleet, in the folders of its robots."""
+_PACKET_KEY: Final = re.compile(rb"[0-9a-fA-F]{32}\n?")
 _ID: Final = re.compile(r"[A-Za-z0-9][A-Za-z0-9_-]*")
 _SOCKET_PATH_LIMIT: Final = 107
 """Most bytes of a Unix socket's path on Linux: sun_path without the final zero (unix(7))."""
@@ -95,9 +98,9 @@ def issue(robot_folders: Mapping[str, Path], infra: Path, others: Sequence[str] 
         _check_length(socket)
     lines = {actor: f"{actor}:{secrets.token_urlsafe(_PASSWORD_BYTES)}" for actor in files}
     for actor, file in files.items():
-        _write_secret(file, lines[actor])
+        write_secret(file, lines[actor])
     dictionary = infra.resolve() / "users"
-    _write_secret(dictionary, "\n".join(lines.values()))
+    write_secret(dictionary, "\n".join(lines.values()))
     return Credentials(tuple(robot_folders), tuple(others), dictionary, files, sockets)
 
 
@@ -116,6 +119,23 @@ def read(file: Path) -> tuple[str, str]:
     if not (user and password):
         raise AcrcError(f"the credentials file {file} must contain one line user:password")
     return user, password
+
+
+def read_packet_key(file: Path) -> str:
+    """Return the key of a fleet's packets. Raises AcrcError for an unreadable, invalid or public file."""
+    try:
+        with regular_file.open_regular(file) as secret:
+            key, mode = secret.read(_MAX_BYTES), os.fstat(secret.fileno()).st_mode
+    except OSError as error:
+        raise AcrcError(
+            f"{file} cannot be read ({error.strerror}); it is the key of the fleet's packets: copy it from a "
+            "robot's folder of `acrc fleet keys`"
+        ) from None
+    if not _PACKET_KEY.fullmatch(key):
+        raise AcrcError(f"{file} is damaged; must contain 32 hexadecimal digits")
+    if mode & 0o077:
+        raise AcrcError(f"{file} is readable by other users; run `chmod 600 {file}`")
+    return key.decode().strip()
 
 
 def _check_names(names: Sequence[str]) -> None:
@@ -138,7 +158,7 @@ def _check_length(socket: Path) -> None:
         )
 
 
-def _write_secret(file: Path, text: str) -> None:
+def write_secret(file: Path, text: str) -> None:
     """Create a file that only the owner can read; never follow a link."""
     file.unlink(missing_ok=True)
     handle = os.open(file, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_NOFOLLOW, 0o600)
