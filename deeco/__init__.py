@@ -4,6 +4,8 @@ from deeco.component import adaptation, component, on_change, periodic, role
 from deeco.encoding import Resolution
 from deeco.ensemble import Contact, EndReason, ensemble
 from deeco.errors import DeecoError, DefinitionError, DeploymentError, ExecutionError
+from deeco.group_protocol import GroupCoordinator, GroupMember
+from deeco.groups import all_of, group, one_of, some_of
 from deeco.history import History, Past
 from deeco.instant import START, Duration, Instant, in_seconds, milliseconds, seconds
 from deeco.knowledge import Knowledge, replace
@@ -19,19 +21,25 @@ __all__ = [
     "Duration",
     "EndReason",
     "ExecutionError",
+    "GroupCoordinator",
+    "GroupMember",
     "History",
     "Instant",
     "Knowledge",
     "Past",
     "Resolution",
     "adaptation",
+    "all_of",
     "component",
     "ensemble",
+    "group",
     "in_seconds",
     "milliseconds",
     "on_change",
+    "one_of",
     "periodic",
     "replace",
     "role",
     "seconds",
+    "some_of",
 ]

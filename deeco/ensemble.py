@@ -38,11 +38,13 @@ class Membership(Protocol):
 
 
 T = TypeVar("T", bound=Membership)
-_TAG: Final = "_deeco_ensemble"
+ENSEMBLE: Final = "_deeco_ensemble"
+"""Attribute by which the decorators mark classes."""
 _NONE: Final = Duration(0)
 COORDINATOR: Final = "coordinator"
 MEMBER: Final = "member"
-_EXCHANGES: Final = {f"at_{side}{end}": side for end in ("", "_end") for side in (COORDINATOR, MEMBER)}
+EXCHANGES: Final = {f"at_{side}{end}": side for end in ("", "_end") for side in (COORDINATOR, MEMBER)}
+"""Side of each exchange."""
 
 
 class Contact(NamedTuple):
@@ -130,7 +132,7 @@ def ensemble(
 
     def decorate(cls: type[T]) -> type[T]:
         made = dataclass(frozen=True)(cls)
-        setattr(made, _TAG, definition_of(made))
+        setattr(made, ENSEMBLE, definition_of(made))
         return made
 
     def definition_of(cls: type) -> EnsembleType:
@@ -171,7 +173,7 @@ def ensemble(
 
 def ensemble_type(cls: type) -> EnsembleType | None:
     """Return the definition of an ensemble class; None for any other class."""
-    found: EnsembleType | None = getattr(cls, _TAG, None)
+    found: EnsembleType | None = getattr(cls, ENSEMBLE, None)
     return found
 
 
@@ -186,12 +188,13 @@ def ensemble_type_of(instance: object) -> EnsembleType:
 
 
 def _exchanges(cls: type) -> dict[str, Exchange]:
-    if wrong := next((name for name in vars(cls) if name[:3] == "at_" and name not in _EXCHANGES), None):
-        raise DefinitionError(f"{cls.__name__}.{wrong} is never called; use {', '.join(_EXCHANGES)}")
-    return {name: _exchange(cls, name, side) for name, side in _EXCHANGES.items() if hasattr(cls, name)}
+    if wrong := next((name for name in vars(cls) if name[:3] == "at_" and name not in EXCHANGES), None):
+        raise DefinitionError(f"{cls.__name__}.{wrong} is never called; use {', '.join(EXCHANGES)}")
+    return {name: exchange_of(cls, name, side) for name, side in EXCHANGES.items() if hasattr(cls, name)}
 
 
-def _exchange(cls: type, name: str, side: str) -> Exchange:
+def exchange_of(cls: type, name: str, side: str) -> Exchange:
+    """Return a method of coordinator and member. Raises DefinitionError if a parameter is wrong."""
     coordinator, member, more = _sides(cls, name, COORDINATOR, MEMBER)
     own, peer = (coordinator, member) if side == COORDINATOR else (member, coordinator)
     if is_component(peer):
@@ -243,6 +246,13 @@ class BoundFunction:
         for place in self._contact:
             self.arguments[place] = contact
         return self.function(coordinator, member, *self.arguments)
+
+    def call(self, now: Instant, contact: Contact, *values: Any) -> Any:
+        """Call a function of other values."""
+        for places, value in ((self.now, now), (self._contact, contact)):
+            for place in places:
+                self.arguments[place] = value
+        return self.function(*values, *self.arguments)
 
     def set_reason(self, reason: EndReason) -> None:
         """Set the reason for the next call of an `_end` method."""

@@ -197,7 +197,7 @@ class BoundEnsemble:
             return binding.pair(getattr(instance, method), ports, f"{kind.name}.{method}")
 
         self._membership = bound("membership", kind.ports)
-        exchanges = {
+        self._exchanges = exchanges = {
             method: _BoundExchange(exchange, bound(method, exchange.ports), f"{kind.name}.{method}")
             for method, exchange in kind.exchanges.items()
         }
