@@ -1,4 +1,6 @@
-"""`acrc bench radio`: speed of the medium, carrier sense of the firmware, figures of docs/radio.md."""
+"""`acrc bench radio`: speed of the medium, carrier sense of the firmware, cost of authentication, figures of
+docs/radio.md.
+"""
 
 import math
 import time
@@ -6,6 +8,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from statistics import median
+from timeit import repeat
 from typing import Any, Final
 
 import numpy as np
@@ -30,6 +33,7 @@ from actors.floor.map_file import load_map
 from actors.ieee802154 import airtime_ns
 from actors.installation.repository import SHIPPED
 from actors.installation.usage import OptionError
+from actors.radio.frame import airtime_us
 from actors.radio.medium.medium import Medium, PoissonTraffic, Request
 from actors.radio.medium.reception import frame_error_rate
 from actors.radio.medium.state import Outcome, Transceiver
@@ -44,6 +48,9 @@ from actors.radio.radio_model import (
     required_dbm,
 )
 from actors.radio.walls import build
+from deeco.aes_ccm import TAG_SIZES, AesCcmAuthenticator
+from deeco.fragments import Fragmenter
+from deeco.packet import KnowledgePacket, Version, pack, verified_packet
 
 PER_FLOOR: Final = 20
 """Robots per copy of the floor plan."""
@@ -317,6 +324,31 @@ _DRAWS: Final = 10
 """Number of random sets of positions."""
 
 
+_TEXT_BYTES: Final = (40, 90, 190, 390)
+"""Bytes of knowledge in the packets of `authentication_cost`."""
+
+
+def authentication_cost(text: int, tag: int) -> dict[str, float]:
+    """Return sizes of a packet with this many bytes of knowledge and of tag, and its air time and CPU."""
+    packet = KnowledgePacket("r1", Version(1, 1000), 0, ((0, (bytes(text),)),))
+    authenticator = AesCcmAuthenticator(bytes(16), tag) if tag else None
+    data = pack(packet, authenticator=authenticator)
+    frames = Fragmenter(1).frames([data])
+    checked = 0.0 if authenticator is None else _least_us(lambda: verified_packet(data, authenticator))
+    return {
+        "tag": tag,
+        "packet": len(data),
+        "frames": len(frames),
+        "air time, ms": sum(airtime_us(len(frame)) for frame in frames) / 1000,
+        "packing, µs": _least_us(lambda: pack(packet, authenticator=authenticator)),
+        "verification, µs": checked,
+    }
+
+
+def _least_us(run: Callable[[], object]) -> float:
+    return min(repeat(run, timer=time.process_time, number=500, repeat=20)) / 500 * 1e6
+
+
 def measure(out: Path | None = None, data: Path | None = None, map_file: Path = _CORRIDOR) -> BenchmarkResult:
     """Measure the medium; with `out`, only draw the figures of docs/radio.md into that folder.
 
@@ -344,6 +376,7 @@ def measure(out: Path | None = None, data: Path | None = None, map_file: Path = 
         for robots in _CROWDS
     ]
     costs = [_compare_assessments(side, load) for side in _SIDES for load in _PAIR_LOADS]
+    tags = [authentication_cost(text, tag) for text in _TEXT_BYTES for tag in (0, *TAG_SIZES)]
     shown = (
         make_table(speeds, "medium only: frames on the air per CPU second"),
         make_table(
@@ -351,8 +384,10 @@ def measure(out: Path | None = None, data: Path | None = None, map_file: Path = 
             f"medium only, {PER_FLOOR} driving robots per copy of the floor: CPU time per frame",
         ),
         make_table(costs, "mean pair delivery, robots in a square", ".3g"),
+        make_table(tags, "packets with tags of AES-CCM: bytes, frames of IEEE 802.15.4 and CPU", ".4g"),
     )
-    return BenchmarkResult({"speeds": speeds, "crowds": crowds, "assessment": costs}, shown)
+    figures = {"speeds": speeds, "crowds": crowds, "assessment": costs, "authentication": tags}
+    return BenchmarkResult(figures, shown)
 
 
 def medium_speed(senders: int, load: float, seed: int) -> float:

@@ -26,7 +26,7 @@ EXTRAS = {
     "export out --mcap ros2": "logs sim",
     "verify radio causes": "cluster dev experiments hardware pictures sim",
     "verify radio --data rows": "experiments sim",
-    "bench radio": "pictures sim",
+    "bench radio": "hardware pictures sim",
     "bench beside HEAD": "experiments sim",
     "fleet doctor": "",
     "fleet watch tls/r1:7447": "",

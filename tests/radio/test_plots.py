@@ -30,6 +30,19 @@ def test_the_figures_are_drawn(tmp_path: Path) -> None:
     assert {(0, 0, 0), (255, 255, 255), (230, 150, 130)} <= colours
 
 
+def test_a_tag_costs_its_bytes_and_at_most_one_frame() -> None:
+    for text in (40, 90, 190):
+        plain, *tagged = (benchmark.authentication_cost(text, tag) for tag in (0, 4, 8, 16))
+        for one in tagged:
+            assert one["packet"] == plain["packet"] + one["tag"]
+            frames = one["frames"] - plain["frames"]
+            octets = one["tag"] + frames * (9 + 9 + 6)  # headers of fragment, MAC and PHY
+            assert frames in {0, 1} and one["air time, ms"] - plain["air time, ms"] == pytest.approx(
+                octets * 0.032
+            )
+            assert one["verification, µs"] > plain["verification, µs"] == 0
+
+
 def test_the_page_shows_every_figure_of_the_command() -> None:
     page = (REPOSITORY / "docs" / "radio.md").read_text()
     for name in NAMES:
