@@ -19,6 +19,8 @@ from actors.runtime.errors import AcrcError
 from actors.settings import RuleError, Settings, StartPose, Text
 
 OdometryKind = Literal["exact", "stage", "kobuki"]
+AdversaryKind = Literal["mute", "forger", "replayer", "silencer", "flooder", "liar"]
+"""Use of a robot's radio against the others; see `actors.robot.behaviour.adversary`."""
 Model = Annotated[
     Text, Meta(description='the name of a robot model such as "turtlebot2", or the path of a .toml file')
 ]

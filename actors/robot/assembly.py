@@ -14,6 +14,7 @@ from actors.items import plain_items
 from actors.portable import arrays, draws, foundations
 from actors.randomness import generator
 from actors.robot import localisation
+from actors.robot.behaviour.adversary import adversary
 from actors.robot.behaviour.handover import behaviour_of
 from actors.robot.behaviour.ports import Start
 from actors.robot.core import RobotCore, RobotParts
@@ -30,7 +31,7 @@ from actors.robot.navigation.routes import ReachableFloor
 from actors.robot.navigation.steering import BaseLocalPlanner
 from actors.robot.stack import Adaptation, Stack
 from actors.robot.sweep import OdometryBuffer
-from actors.robot_model import RobotDescription, RobotModel
+from actors.robot_model import AdversaryKind, RobotDescription, RobotModel
 from actors.runtime.process_setup import RecordDetail
 from actors.runtime.processor import fingerprints
 from actors.runtime.recording import scans
@@ -61,6 +62,7 @@ class RobotSetup(RobotDescription, frozen=True, kw_only=True):
     """Id and radio address of every robot of the run, this one included; empty in earlier versions."""
     behaviour: str
     """Entry string `module:function`."""
+    adversary: AdversaryKind | None = None
     map: str = "map.yaml"
     """Path of the floor plan."""
     adaptation: Adaptation = Adaptation()
@@ -132,7 +134,10 @@ def robot(setup: RobotSetup, model: RobotModel, plan: OccupancyGrid) -> RobotCor
     if setup.detail == "full":
         introspector = Introspector(setup.id, localisation, navigation)
     with nullcontext() if introspector is None else observing_nodes(introspector):
-        behaviour = behaviour_of(setup.behaviour, start(setup, model, common.floor))
+        initial = start(setup, model, common.floor)
+        behaviour = behaviour_of(setup.behaviour, initial)
+        if setup.adversary is not None:
+            behaviour = adversary(setup.adversary, behaviour, initial)
     parts = RobotParts(
         OdometryBuffer(model.sensor), localisation, navigation, behaviour, introspector=introspector
     )

@@ -10,7 +10,7 @@ import msgspec
 from actors.messages import DRIVE, SENSES
 from actors.orders import Order
 from actors.randomness import derived_seed, keyed_seed
-from actors.robot_model import OdometryKind, RobotDescription
+from actors.robot_model import AdversaryKind, OdometryKind, RobotDescription
 from actors.runtime.core import Address, at
 from actors.runtime.process_setup import ActorSetup, ProcessSetup, RecordDetail, resolve_model
 from actors.settings import Share
@@ -26,6 +26,7 @@ class BodySetup(RobotDescription, frozen=True, kw_only=True, omit_defaults=True)
     """Kind of odometry errors."""
     battery: Share | None = None
     """Charge at the start; None: the battery is not simulated."""
+    adversary: AdversaryKind | None = None
 
 
 class TimedOrder(msgspec.Struct, frozen=True, forbid_unknown_fields=True):

@@ -7,11 +7,10 @@ Settings: `AdaptationParameters`; `ReleasedParameters`, `MakeWayParameters` and 
 `released`, `make-way` and `chapter-giving-up`.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Final
 
-from actors.instant import Instant
-from actors.robot.behaviour import Behaviour, Decision, Start, View, from_settings, host
+from actors.robot.behaviour import Behaviour, SilentBehaviour, Start, from_settings, host
 from cleaning.adaptive import AdaptiveCleaningRobot
 from cleaning.adoption import MakingWay, PeerMask, exchanges
 from cleaning.parameters import AdaptationParameters, ReleasedParameters
@@ -60,7 +59,7 @@ def giving_up(start: Start) -> Behaviour:
 
 def mute(start: Start) -> Behaviour:
     """Run `chapter` without radio, to measure the value of communication."""
-    return SilentBehaviour(behaviour(start))
+    return SilentBehaviour(behaviour(start), start)
 
 
 def _adaptive(start: Start, kind: type[AdaptationParameters]) -> Behaviour:
@@ -69,14 +68,3 @@ def _adaptive(start: Start, kind: type[AdaptationParameters]) -> Behaviour:
     if p.peer_mask:
         further.append(PeerMask(_SENSOR_RANGE))
     return host(start, AdaptiveCleaningRobot.at_start(start, p), *exchanges(p), *further)
-
-
-class SilentBehaviour:
-    """A behaviour without radio."""
-
-    def __init__(self, hosted: Behaviour) -> None:
-        self.hosted = hosted
-
-    def advance(self, view: View, until: Instant) -> Decision:
-        """Advance the behaviour without radio events; drop its frames."""
-        return replace(self.hosted.advance(view._replace(radio=()), until), frames=())

@@ -10,10 +10,9 @@ processes share no memory, and with two robots or more; otherwise raises an erro
 from dataclasses import dataclass, field
 from typing import Self
 
-from actors.robot.behaviour import Behaviour, FloorPlan, Start, from_settings, host
+from actors.robot.behaviour import Behaviour, FloorPlan, SilentBehaviour, Start, from_settings, host
 from actors.runtime.errors import AcrcError
 from cleaning.strategies.auction import Auction, BiddingParameters, BiddingRobot, HigherBid
-from cleaning.strategies.chapter import SilentBehaviour
 from cleaning.yielding import SteppingAside, Yielding
 from deeco import Instant, adaptation, component, periodic, replace, seconds
 
@@ -78,4 +77,4 @@ def behaviour(start: Start) -> Behaviour:
         _boards[:] = [_Board()]
     _boards[-1].members.add(start.robot)
     robot = OracleRobot.at_start(start, from_settings(OracleParameters, start.settings))
-    return SilentBehaviour(host(start, robot))
+    return SilentBehaviour(host(start, robot), start)

@@ -108,6 +108,7 @@ def robot_setup(swarm: Swarm, robot: BodySetup) -> RobotSetup:
         members=swarm.radio.robots,
         start=robot.start,
         items=robot.items,
+        adversary=robot.adversary,
         behaviour=swarm.behaviour,
         model=robot.model,
         sensor=robot.sensor,

@@ -14,7 +14,7 @@ from actors.randomness import keyed_seed
 from actors.robot.behaviour.ports import ExchangeSettings, Scalar
 from actors.robot.stack import TABLES, Adaptation, Stack, presets, stack
 from actors.robot_model import MOST_ITEMS as MOST_TASK_ITEMS
-from actors.robot_model import Items, Model, OdometryKind, SensorName
+from actors.robot_model import AdversaryKind, Items, Model, OdometryKind, SensorName
 from actors.runtime.errors import AcrcError
 from actors.settings import (
     Names,
@@ -140,6 +140,7 @@ class RobotTable(Settings, frozen=True):
     start: StartPose | None = None
     items: Items | None = None
     """The robot's initial items; in files, the key has the name of the task's table."""
+    adversary: AdversaryKind | None = None
 
 
 class EventTable(Settings, frozen=True):

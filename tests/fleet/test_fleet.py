@@ -81,6 +81,7 @@ def test_paths_are_relative_to_the_file_not_to_the_working_directory(
         ("[radio]\npan = 0xFFFF" + ROBOT, "radio.pan is 65535, but must be a whole number from 0 to 0xFFFE"),
         ("[radio]\npower_db = 1" + ROBOT, f"radio.power_db is 1, but must be {POWER}"),
         (robot(1, 'id = "R1"'), 'robot[0].id is "R1", but must be the id of a robot, such as "r2"'),
+        (robot(1, 'adversary = "mute"'), "unknown key robot[0].adversary; known keys of robot[0]: start,"),
         (robot(1, "start = [1, 2]"), "robot[0].start is [1, 2], but must be a pose [x, y, heading]"),
         (ROBOT.replace("places = [[12.2, 5.9]]", ""), "robot[0].places is missing, but must be a list"),
         (robot(1, 'base = "kobuki"'), 'robot[0].base is "kobuki", but must be the path of a port, such as'),

@@ -29,6 +29,9 @@ VALUES = {
     "robots.start = [[1, 2, -1e6]]": f"robots.start[0] is [1, 2, -1000000.0], but must be a pose {POSES}",
     "[[robot]]\nid = 'r1'\nplaces = [[1, 2], [-3e5, 2]]":
         "robot[0].places[1] is [-300000.0, 2], but must be a point [x, y] in m, within ±100000",
+    "[[robot]]\nid = 'r1'\nadversary = 'jammer'":
+        'robot[0].adversary is "jammer", but must be "mute", "forger", "replayer", "silencer", "flooder" or'
+        ' "liar"',
     "radio.preset = 2020-01-01":
         'radio.preset is 2020-01-01, but must be the name of a radio preset, such as "chapter"',
     "[[wall]]\nmaterial = 'glass'\nx = [2, 1]\ny = [1, 2]": f"wall[0].x is [2, 1], {SPAN}",

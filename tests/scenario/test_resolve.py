@@ -60,6 +60,13 @@ def test_every_robot_is_told_the_addresses_of_all_robots() -> None:
     assert {setup.members for setup in setups} == {(("r1", 1), ("r2", 2), ("r3", 3))}
 
 
+def test_an_adversary_is_one_robot_also_in_the_copied_scenario() -> None:
+    text = '[robots]\ncount = 3\n[[robot]]\nid = "r2"\nadversary = "forger"\n'
+    swarm = resolve(scenario(text))
+    setups = [robot_setup(swarm, robot) for robot in resolve(swarm.scenario).world.robots]
+    assert [setup.adversary for setup in setups] == [None, "forger", None]
+
+
 def test_drawn_starts_and_places_keep_their_distances() -> None:
     world = shipped(robots=16).world
     starts = [Point(*robot.start[:2]) for robot in world.robots]

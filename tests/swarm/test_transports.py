@@ -48,6 +48,10 @@ at = 12.0
 thaw = "r2"
 """
 """Events of the crowd scenario in quick succession."""
+ADVERSARIES = "".join(
+    f'[[robot]]\nid = "{robot}"\nadversary = "{kind}"\n'
+    for robot, kind in (("r13", "flooder"), ("r14", "replayer"), ("r15", "liar"), ("r16", "forger"))
+)
 RESTART = f"""
 map = "{ROOT}/maps/corridor.yaml"
 [run]
@@ -74,7 +78,7 @@ class Run(NamedTuple):
 
 @pytest.fixture(scope="module")
 def eventful(tmp_path_factory: pytest.TempPathFactory) -> Run:
-    """The crowd scenario with events within 14 s, and its result in memory."""
+    """The crowd scenario with adversaries and with events within 14 s, and its result in memory."""
     folder = tmp_path_factory.mktemp("eventful")
     crowd = CROWD.read_text().partition("[[event]]")[0]
     for old, new in (
@@ -84,7 +88,7 @@ def eventful(tmp_path_factory: pytest.TempPathFactory) -> Run:
     ):
         assert old in crowd
         crowd = crowd.replace(old, new)
-    return in_memory(folder, crowd + EVENTS)
+    return in_memory(folder, crowd + ADVERSARIES + EVENTS)
 
 
 @pytest.fixture(scope="module")
@@ -164,7 +168,7 @@ def short_digest(overrides: Overrides, out: Path) -> str:
 def test_recordings_give_the_digest_and_every_actor_can_be_replayed(eventful: Run, recorded: Run) -> None:
     done = in_process.acrc("record", "check", recorded.out)
     assert done.returncode == 0 and str(eventful.result["digest"]) in done.stdout
-    for actor in ("world", "radio", "r1"):
+    for actor in ("world", "radio", "r1", "r16"):
         assert replay_actor(recorded.out, actor).outputs > 100
     done = in_process.acrc("replay", recorded.out, "--robot", "r8.1")
     assert re.fullmatch(r"r8\.1: matches the recording: \d+ outputs\n", done.stdout), done.stderr

@@ -4,6 +4,7 @@ Examples: docs/tutorial.md and docs/deeco.md.
 """
 
 from actors.geometry import Door
+from actors.robot.behaviour.adversary import SilentBehaviour
 from actors.robot.behaviour.node_host import host
 from actors.robot.behaviour.ports import (
     MAX_BACK_OUT,
@@ -46,6 +47,7 @@ __all__ = [
     "Positioning",
     "Setting",
     "SettingsError",
+    "SilentBehaviour",
     "Start",
     "TaskList",
     "TaskMonitor",
