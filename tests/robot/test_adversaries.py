@@ -11,7 +11,7 @@ from acrc_testbed.testing import LossyMedium, VirtualRobot, VirtualSwarm
 from actors.geometry import Point, Pose
 from actors.instant import Instant, milliseconds, seconds
 from actors.messages import FRAME_DATA_LIMIT, MOST_FRAMES
-from actors.robot.behaviour import Behaviour, Start
+from actors.robot.behaviour import Behaviour, ExchangeSettings, Start
 from actors.robot.behaviour.adversary import adversary
 from actors.robot.behaviour.node_host import node_of
 from actors.robot_model import AdversaryKind
@@ -26,6 +26,7 @@ from tests.cleaning.fakes import OPEN
 KINDS: tuple[AdversaryKind, ...] = get_args(AdversaryKind)
 ROBOTS = {"r1": [Point(0.0, 0.0), Point(9.0, 0.0)], "r2": [Point(0.0, 5.0)], "r3": [Point(0.0, -5.0)]}
 LATER = Instant(seconds(100))
+KEYED = ExchangeSettings(key="00112233445566778899aabbccddeeff")
 
 
 def swarm(
@@ -93,8 +94,7 @@ def test_a_forger_publishes_one_robots_knowledge_as_anothers() -> None:
 
 
 def test_a_forger_does_not_answer_its_own_packets_that_others_relay() -> None:
-    exchange = swarm(None)["r1"].start.exchange
-    made = swarm("forger", exchange=type(exchange)(relay=True, relay_delay=milliseconds(100)))
+    made = swarm("forger", exchange=ExchangeSettings(relay=True, relay_delay=milliseconds(100)))
     made.advance(seconds(20))
     assert counters(made["r1"])["relayed"] > 10
     assert len(sent_by(made, "r4")) <= 3 * 21, "at most one for each publication of a peer"
@@ -109,6 +109,24 @@ def test_a_liar_publishes_under_its_own_id_only_as_often_as_others() -> None:
     assert seen == {Point(0.0, 0.0), Point(0.0, 5.0), Point(0.0, -5.0)}, "of the others, never its own"
     assert position(made, "r1", "r2") == Point(0.0, 5.0)
     assert len(sent_by(made, "r4")) == len(sent_by(made, "r2")) == 12
+
+
+@pytest.mark.parametrize("kind", ["forger", "silencer"])
+def test_with_a_key_no_packet_of_a_robot_without_it_is_accepted(kind: AdversaryKind) -> None:
+    made = swarm(kind, exchange=KEYED)
+    made.advance(seconds(20))
+    assert len(sent_by(made, "r4")) >= 20
+    for robot, start in (("r1", Point(0.0, 0.0)), ("r2", Point(0.0, 5.0)), ("r3", Point(0.0, -5.0))):
+        count = counters(made[robot])
+        assert count["packets_forged"] >= 3 * 19 and count["packets_old"] == count["packets_junk"] == 0
+        assert all(position(made, other, robot) == start for other in ("r1", "r2", "r3") if other != robot)
+
+
+def test_a_liar_has_the_key() -> None:
+    made = swarm("liar", exchange=KEYED)
+    made.advance(seconds(20))
+    assert counters(made["r1"])["packets_forged"] == 0
+    assert position(made, "r1", "r4") in {Point(0.0, 0.0), Point(0.0, 5.0), Point(0.0, -5.0)}
 
 
 @pytest.mark.parametrize(("kind", "kept"), [("mute", 1), ("liar", 0)])
@@ -176,9 +194,15 @@ HOSTILE = st.one_of(
 
 
 @settings(max_examples=60, deadline=None)
-@given(st.sampled_from(KINDS), st.lists(st.tuples(st.integers(1, 4), HOSTILE), min_size=1, max_size=8))
-def test_no_received_bytes_stop_an_adversary(kind: AdversaryKind, received: list[tuple[int, bytes]]) -> None:
-    robot = swarm(kind)["r4"]
+@given(
+    st.sampled_from(KINDS),
+    st.lists(st.tuples(st.integers(1, 4), HOSTILE), min_size=1, max_size=8),
+    st.sampled_from([ExchangeSettings(), KEYED]),
+)
+def test_no_received_bytes_stop_an_adversary(
+    kind: AdversaryKind, received: list[tuple[int, bytes]], exchange: ExchangeSettings
+) -> None:
+    robot = swarm(kind, exchange=exchange)["r4"]
     for step, (sender, data) in enumerate(received * 2, start=1):
         frames = Fragmenter(sender, first=step).frames([data]) if data else [b""]
         now = Instant(milliseconds(100 * step))

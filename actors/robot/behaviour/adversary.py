@@ -10,10 +10,11 @@ from collections.abc import Iterable, Iterator, Mapping
 from contextlib import suppress
 from dataclasses import replace
 from itertools import count
-from typing import Final
+from typing import ClassVar, Final
 
 from actors.instant import START, Instant, seconds
 from actors.messages import FRAME_DATA_LIMIT, MOST_FRAMES, FrameReceived, OutgoingFrame
+from actors.robot.behaviour.node_host import network_parameters
 from actors.robot.behaviour.ports import Behaviour, Decision, Start, View
 from actors.robot_model import AdversaryKind
 from deeco import ExecutionError
@@ -76,8 +77,14 @@ class Replayer(SilentBehaviour):
 class PacketAdversary(SilentBehaviour):
     """An adversary that publishes false knowledge."""
 
+    has_key: ClassVar = False
+    """True: uses the scenario's key, if there is one. Packets are readable without it."""
+
     def __init__(self, hosted: Behaviour, start: Start) -> None:
         super().__init__(hosted, start)
+        authenticator = network_parameters(start).authenticator
+        self._authenticator = authenticator if self.has_key else None
+        self._tag_size = 0 if authenticator is None else authenticator.tag_size
         self._reassembly, self._unpacker = Reassembly(), Unpacker()
         self._fragmenter = Fragmenter(start.address)
         self._peers: dict[str, KnowledgePacket] = {}
@@ -88,22 +95,20 @@ class PacketAdversary(SilentBehaviour):
         """Return the frames of this step's packets."""
         packets: list[bytes] = []
         for packet in self.packets(view):
-            with suppress(
-                ExecutionError, OverflowError
-            ):  # packets of others may be too long under another id
-                packets.append(pack(packet))
+            with suppress(ExecutionError, OverflowError):  # values of others: too long in another packet
+                packets.append(pack(packet, authenticator=self._authenticator))
         return self._fragmenter.frames(packets)
 
     def packets(self, view: View) -> Iterator[KnowledgePacket]:
         """Yield the packets to send after this step's radio events."""
         raise NotImplementedError
 
-    def _is_due(self, now: Instant) -> bool:
-        """Return whether the robot publishes now, as often as others; count the publication."""
+    def _publication(self, now: Instant) -> int:
+        """Return the number of the publication that is due now, as often as of others; 0: none is."""
         if now < self._next:
-            return False
+            return 0
         self._next, self._published = Instant(now + self._start.exchange.publish), self._published + 1
-        return True
+        return self._published
 
     def _receive(self, view: View) -> Iterator[KnowledgePacket]:
         """Yield and keep the packets received from their own robots, without relayed ones."""
@@ -111,7 +116,7 @@ class PacketAdversary(SilentBehaviour):
             if not isinstance(event, FrameReceived):
                 continue
             for data in self._reassembly.take(Instant(event.instant), event.sender, event.data):
-                packet = self._unpacker.unpack(data)
+                packet = self._unpacker.unpack(data[: len(data) - self._tag_size])
                 if packet is not None and self._start.members.get(packet.component) == event.sender:
                     self._peers[packet.component] = packet
                     yield packet
@@ -131,16 +136,17 @@ class Forger(PacketAdversary):
 
 
 class Liar(PacketAdversary):
-    """An adversary that publishes the knowledge of other robots as its own: positions, claims and bids."""
+    """A member of the swarm that publishes the knowledge of others as its own: positions, claims, bids."""
+
+    has_key = True
 
     def packets(self, view: View) -> Iterator[KnowledgePacket]:
         """Yield the knowledge of one robot after the other, one in each period of publication."""
         deque(self._receive(view), maxlen=0)
-        if self._peers and self._is_due(view.instant):
+        if self._peers and (number := self._publication(view.instant)):
             names = sorted(self._peers)
-            roles = self._peers[names[self._published % len(names)]].roles
-            version = Version(self._start.epoch, self._published)
-            yield KnowledgePacket(self._start.robot, version, 0, roles)
+            roles = self._peers[names[number % len(names)]].roles
+            yield KnowledgePacket(self._start.robot, Version(self._start.epoch, number), 0, roles)
 
 
 class Silencer(PacketAdversary):
@@ -148,10 +154,10 @@ class Silencer(PacketAdversary):
 
     def packets(self, view: View) -> Iterator[KnowledgePacket]:
         """Yield, in each period, a packet without roles for each robot; its own packets are older then."""
-        if self._is_due(view.instant):
+        if number := self._publication(view.instant):
             for robot in self._start.members:
                 if robot != self._start.robot:
-                    yield KnowledgePacket(robot, Version(_NEVER_REACHED, self._published), 0, ())
+                    yield KnowledgePacket(robot, Version(_NEVER_REACHED, number), 0, ())
 
 
 _KINDS: Final[Mapping[AdversaryKind, type[SilentBehaviour]]] = {

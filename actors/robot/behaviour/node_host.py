@@ -303,7 +303,7 @@ class _NodeBehaviour:
                     FloorPlan: start.floor,
                     Generator: start.generator,
                 },
-                parameters=_network(start),
+                parameters=network_parameters(start),
                 address=start.address,
                 epoch=start.epoch,
                 start=first,
@@ -351,7 +351,8 @@ class _NodeBehaviour:
         return tuple(frames)
 
 
-def _network(start: Start) -> NetworkParameters:
+def network_parameters(start: Start) -> NetworkParameters:
+    """Return the parameters of a node for the robot's exchange of knowledge. Raises BehaviourError."""
     exchange, relay = start.exchange, None
     if exchange.relay:
         relay = RelayParameters(
