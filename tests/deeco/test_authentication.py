@@ -9,6 +9,8 @@ import pytest
 from cryptography.hazmat.primitives.ciphers import Cipher
 from cryptography.hazmat.primitives.ciphers.algorithms import AES
 from cryptography.hazmat.primitives.ciphers.modes import ECB
+from hypothesis import given
+from hypothesis import strategies as st
 
 from deeco import Instant, Knowledge, component, milliseconds, role, seconds
 from deeco.aes_ccm import TAG_SIZES, AesCcmAuthenticator
@@ -102,6 +104,16 @@ def test_tags_are_those_of_ccm(size: int) -> None:
         assert AesCcmAuthenticator(KEY, size).tag(content) == reference_tag(KEY, content, size)
     plain, tagged = packet("a", 1, 2, tags=None), packet("a", 1, 2, tags=AesCcmAuthenticator(KEY, size))
     assert tagged[:-size] == plain and tagged[-size:] == reference_tag(KEY, plain, size)
+
+
+@given(st.binary(max_size=300), st.sampled_from(TAG_SIZES))
+def test_no_bytes_make_the_verification_raise(data: bytes, size: int) -> None:
+    tags = AesCcmAuthenticator(KEY, size)
+    assert verified_packet(data, tags) is None
+    if data:
+        tagged = data + tags.tag(bytes([data[0] & 0xF]) + data[1:])
+        assert verified_packet(tagged, tags) == data
+        assert verified_packet(increment_hops(tagged), tags) == increment_hops(data)
 
 
 def forgeries() -> Iterator[bytes]:
