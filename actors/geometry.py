@@ -76,7 +76,7 @@ ORIGIN: Final = Pose(0.0, 0.0, 0.0)
 
 Covariance: TypeAlias = tuple[float, float, float, float, float, float, float, float, float]
 """Covariance of x, y and heading, row by row: m², m·rad, rad²."""
-CERTAIN: Final[Covariance] = (0.0,) * 9
+CERTAIN: Final = (0.0,) * 9
 
 
 class Twist(NamedTuple):

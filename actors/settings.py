@@ -337,7 +337,7 @@ def _convert(kind: Any, value: Any, key: str) -> Any:
 
 
 def _convert_union(kinds: Sequence[Any], value: Any, key: str) -> Any:
-    wrong: Exception = _WrongError()
+    wrong = _WrongError()
     for kind in kinds:
         if kind is not NoneType:
             try:

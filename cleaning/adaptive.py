@@ -11,9 +11,9 @@ from cleaning.cleaner import Cleaner, State
 from cleaning.parameters import AdaptationParameters, UnblockTarget
 from cleaning.place import LAST_TERM, Assignment, Takeover
 from cleaning.robot import CleaningRobot
-from deeco import Duration, Instant, adaptation, component, milliseconds, periodic, replace, seconds
+from deeco import Instant, adaptation, component, milliseconds, periodic, replace, seconds
 
-_PEER_AGE: Final[Duration] = seconds(3)
+_PEER_AGE: Final = seconds(3)
 """Age at which peers are dropped: three publications."""
 
 

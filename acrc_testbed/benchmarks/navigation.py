@@ -25,7 +25,7 @@ from actors.array_types import Floats, Octets
 from actors.floor.grid import FREE, OCCUPIED, UNKNOWN, Cell, OccupancyGrid
 from actors.geometry import Point, Pose, Twist
 from actors.instant import Instant
-from actors.robot.navigation.cost_map import LOCAL_MAP_PRESETS, CostMap, CostMapParameters
+from actors.robot.navigation.cost_map import LOCAL_MAP_PRESETS, CostMap
 from actors.robot.navigation.local_planner import DwaLocalPlanner
 from actors.robot.navigation.navfn import NavfnPlanner, global_costs
 from actors.robot.navigation.planning import PLANNER_PRESETS
@@ -254,7 +254,7 @@ def _inflation(rows: Rows) -> dict[str, float]:
 
 def _equal_costs(marks: Octets, theirs: Octets, numbers: Mapping[str, float]) -> int:
     model = _robot_model()
-    parameters: CostMapParameters = replace(
+    parameters = replace(
         LOCAL_MAP_PRESETS[PRESET],
         inflation_radius=numbers["inflation_radius"],
         scaling=numbers["cost_scaling_factor"],

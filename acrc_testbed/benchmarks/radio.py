@@ -4,7 +4,7 @@ docs/radio.md.
 
 import math
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from statistics import median
@@ -98,7 +98,7 @@ _COLOURS: Final = ("#0072b2", "#d55e00", "#009e73", "#000000")
 """Colour-blind safe palette (Okabe and Ito, "Color Universal Design", 2008); black: reference data."""
 _LENGTHS: Final = (20, 60, 127)
 _PLOTTED_LOADS: Final = ("0.200", "0.800", "sat")
-MEASURED_LINKS: Final[Mapping[int, float]] = {
+MEASURED_LINKS: Final = {
     -96: 0.1494, -95: 0.2340, -94: 0.4071, -93: 0.6359, -92: 0.6866, -91: 0.7476, -90: 0.8603, -89: 0.8702,
     -88: 0.9324, -87: 0.9427, -86: 0.9562, -85: 0.9611, -84: 0.9739, -83: 0.9745, -82: 0.9844, -81: 0.9854,
     -80: 0.9903,
@@ -275,7 +275,7 @@ def _plot_senders(axes: Axes, task: PlotTask, data: Path | None) -> None:
         _dots(axes, "_", [float(p.settings["n"]) for p in found], heard, colour)
 
 
-_FIGURES: Final[Mapping[str, Callable[[Axes, PlotTask, Path | None], None]]] = {
+_FIGURES: Final = {
     "reach.svg": _plot_range, "error_rate.svg": _plot_errors, "grey_zone.svg": _plot_grey,
     "wifi.svg": _plot_wifi, "contention.svg": _plot_senders,
 }  # fmt: skip

@@ -40,7 +40,7 @@ _FIGURES: Final = (
     "pdr_gen", "pdr_tx", "allpairs_pdr_tx", "csma_fail_ratio", "chan_busy", "overlap_tx_ratio", *LATENCIES,
     "goodput_kbps",
 )  # fmt: skip
-_ERROR_RATE_SETTINGS: Final[tuple[str, ...]] = ("psdu", "rx_dbm", "noise_dbm")
+_ERROR_RATE_SETTINGS: Final = ("psdu", "rx_dbm", "noise_dbm")
 _CAPTURE_SETTINGS: Final = ("psdu0", "psdu1", "delta_db", "offset_us")
 
 

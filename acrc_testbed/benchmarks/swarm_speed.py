@@ -208,7 +208,7 @@ def _output(task: SwarmTask, swarms: Sequence[SwarmFigures], goals: Sequence[Spe
         "simulated second;\nyardstick: CPU ms of fixed work"
     )
     air = [{"robots": str(one.robots), **_traffic_row(one.traffic)} for one in swarms]
-    tables: list[Table | str] = [
+    tables = [
         make_table([_speed_row(one) for one in swarms], speeds),
         _package_table(swarms),
         make_table(air, "radio traffic per robot and simulated second", ".2f"),

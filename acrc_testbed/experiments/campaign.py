@@ -244,7 +244,7 @@ def rows(store: Store) -> Iterator[Row]:
         record = store.record(trial)
         result = record.result
         origin = result.origin if result is not None else None
-        row: Row = {
+        row = {
             "scenario": study.scenario,
             "strategy": record.strategy,
             "settings": _json(origin.settings) if origin is not None else None,

@@ -217,7 +217,7 @@ def samples(records: Iterable[TrialRecord], study: Study | None = None) -> list[
 
     The study's primary pairs come first, as declared. Random cells are pooled into one variant.
     """
-    primary: Sequence[tuple[str, str]] = () if study is None else study.primary_pairs
+    primary = () if study is None else study.primary_pairs
     runs: dict[Variant, list[StrategyRuns]] = {}
     names: dict[str, None] = {}
     for variant, of_variant in runs_by_variant(records, study).items():

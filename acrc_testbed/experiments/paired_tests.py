@@ -300,7 +300,7 @@ def sequential_plan(looks: Sequence[int], alpha: float = 0.05) -> SequentialPlan
     if not looks or looks[0] < 1 or any(a >= b for a, b in pairwise(looks)):
         raise ValueError(f"looks {tuple(looks)} must be ascending numbers of pairs")
     thresholds, spent, before = [], 0.0, 0.0
-    density: Floats | None = None
+    density = None
     step = float(_GRID[1] - _GRID[0])
     for look in looks:
         part = look / looks[-1]

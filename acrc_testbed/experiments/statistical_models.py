@@ -58,8 +58,8 @@ def fit(values: ArrayLike, cells: ArrayLike, seeds: ArrayLike) -> RandomEffectsF
     seed_names, of_seed = np.unique(seeds, return_inverse=True)
     groups = [of_cell, of_seed] if len(seed_names) >= _MIN_SEEDS else [of_cell]
     spread, free = float(known.std(ddof=1)), count - 1
-    rest: float | None = None
-    between_seeds: float | None = None
+    rest = None
+    between_seeds = None
     if len(known) == count or spread == 0.0:
         mean, error, between_cells = float(known.mean()), spread / math.sqrt(len(known)), spread
         if spread == 0.0:

@@ -199,7 +199,7 @@ def differences(one: Study, other: Study) -> dict[str, tuple[str, str]]:
     return found
 
 
-PARAMETERS: Final[Mapping[str, tuple[str, ...]]] = {
+PARAMETERS: Final = {
     "kills": ("count", "at"),
     "jams": ("count", "at", "radius", "duration"),
     "dropout": ("share",),

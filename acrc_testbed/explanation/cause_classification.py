@@ -11,7 +11,6 @@ from itertools import pairwise
 from typing import Final, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from acrc_testbed.explanation import robot_states
 from acrc_testbed.explanation.episodes import STANDARD, true_intervals
@@ -28,13 +27,13 @@ class Roots(NamedTuple):
 
     root: Int32s
     """Root of the robot's chain, itself if it does not wait; NO_ROBOT: the chain ends in a ring."""
-    ring: NDArray[np.bool_]
+    ring: Flags
     """The robot is part of a ring."""
-    at_door: NDArray[np.bool_]
+    at_door: Flags
     """The chain leads through a door or up to one."""
 
 
-def roots(before: Int32s, at_door: NDArray[np.bool_]) -> Roots:
+def roots(before: Int32s, at_door: Flags) -> Roots:
     """Find the roots of all chains.
 
     `before`: robot that each waits for, or NO_ROBOT; `at_door`: where it waits at a door; (steps, robots).
@@ -53,7 +52,7 @@ def roots(before: Int32s, at_door: NDArray[np.bool_]) -> Roots:
     return Roots(root, _ring_members(root == NO_ROBOT, before), doors)
 
 
-def with_waiting_robots(marked: NDArray[np.bool_], before: Int32s) -> NDArray[np.bool_]:
+def with_waiting_robots(marked: Flags, before: Int32s) -> Flags:
     """Return the marked robots and all robots that wait for them, (steps, robots)."""
     reached = marked.copy()
     while True:
@@ -64,7 +63,7 @@ def with_waiting_robots(marked: NDArray[np.bool_], before: Int32s) -> NDArray[np
         reached[rows[joins], robots[joins]] = True
 
 
-def _ring_members(rootless: NDArray[np.bool_], before: Int32s) -> NDArray[np.bool_]:
+def _ring_members(rootless: Flags, before: Int32s) -> Flags:
     """Reduce the robots without a root to those that are part of a ring."""
     ring = rootless.copy()
     while True:
@@ -277,9 +276,9 @@ AT_DOOR: Final = "door"
 ON_FLOOR: Final = "open floor"
 
 
-def blocked_by_robots(classified: CauseTable) -> NDArray[np.bool_]:
+def blocked_by_robots(classified: CauseTable) -> Flags:
     """Return where a robot stands because of another one, (steps, robots)."""
-    blocked: NDArray[np.bool_] = classified.stood & (classified.before != NO_ROBOT)
+    blocked: Flags = classified.stood & (classified.before != NO_ROBOT)
     return blocked
 
 
@@ -309,9 +308,9 @@ def deadlocks(run: RunData, classified: CauseTable) -> DeadlockCount:
     return DeadlockCount(pairs, free)
 
 
-def _pairs(classified: CauseTable, where: NDArray[np.bool_]) -> dict[tuple[int, int], NDArray[np.bool_]]:
+def _pairs(classified: CauseTable, where: Flags) -> dict[tuple[int, int], Flags]:
     """Return, for each pair with a blocking, the steps in which one waits for the other."""
-    found: dict[tuple[int, int], NDArray[np.bool_]] = {}
+    found: dict[tuple[int, int], Flags] = {}
     for robot in range(where.shape[1]):
         for other in np.unique(classified.before[where[:, robot], robot]).tolist():
             mask = where[:, robot] & (classified.before[:, robot] == other)
@@ -320,7 +319,7 @@ def _pairs(classified: CauseTable, where: NDArray[np.bool_]) -> dict[tuple[int, 
     return found
 
 
-def _close_gaps(mask: NDArray[np.bool_], max_gap: int) -> NDArray[np.bool_]:
+def _close_gaps(mask: Flags, max_gap: int) -> Flags:
     """Return the mask with gaps of at most `max_gap` samples closed."""
     closed = mask.copy()
     intervals = true_intervals(mask)

@@ -123,7 +123,7 @@ class Explainer:
         end_s = in_seconds(self._traces[-1][1].end)
         if at_s > end_s + _SAME_S:
             raise ExplanationError(f"{self._robot}@{at_s:g}: the robot's recording ends at {end_s:g} s")
-        earliest: float | None = None
+        earliest = None
         for actor, found_trace in reversed(self._traces):
             known = decisions(found_trace)
             if found := _decisions_at(known, at_s):

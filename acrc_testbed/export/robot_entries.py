@@ -252,7 +252,7 @@ def _item_markers(run: RunData, states: Mapping[ItemKey, ItemState]) -> list[Mar
 
 def body_entries(run: RunData, models: Mapping[str, RobotModel]) -> Iterator[LogEntry]:
     """Yield the robots' discs at each change of state: faint while frozen, grey while off."""
-    states: dict[str, str] = dict.fromkeys(models, "")
+    states = dict.fromkeys(models, "")
     changes = [
         (second, robot, state)
         for robot, track in run.trajectories.items()

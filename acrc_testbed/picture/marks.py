@@ -74,7 +74,7 @@ def _place_label(axes: Axes, label: PointLabel, boxes: Sequence[Bbox], covered: 
     assert figure is not None
     text_box = text.get_window_extent(cast(Any, figure.canvas).get_renderer())
     pixels, area = figure.dpi / 72.0, axes.get_window_extent()
-    best_place: tuple[float, float, float, float] | None = None
+    best_place = None
     for (right, up), extra in product(_DIRECTIONS, _EXTRA_DISTANCES):
         away = label.gap + extra
         dx = right * (away + text_box.width / 2 / pixels) * (0.8 if up else 1.0)

@@ -30,7 +30,7 @@ from actors.processes.robot_logs import LogTail, check_names, logged_robots
 from actors.runtime.errors import printable
 from actors.runtime.recording import Direction
 from actors.runtime.replay_bus import topic_of
-from actors.topic import Message, Topic
+from actors.topic import Message
 
 TAG: Final = "kind"
 """Field that names the variant of a union, such as `heard` in the events of RadioEvents."""
@@ -142,7 +142,7 @@ def csv_lines(recorded: Iterable[LoggedMessage]) -> Iterator[str]:
 
     Raises TopicError for messages of several types.
     """
-    topic: Topic[Message] | None = None
+    topic = None
     names: list[str] = []
     for one in recorded:
         if topic is None:

@@ -18,7 +18,6 @@ from enum import IntEnum
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from actors.array_types import Floats, Int64s
 
@@ -56,7 +55,7 @@ class StampPairs(NamedTuple):
     first: Int64s
     """(n, 4): clock, instant in µs, kind, frame number."""
     second: Int64s
-    weight: NDArray[np.float64]
+    weight: Floats
     """2 / number of the frame's stamps: n stamps have n - 1 independent pairs."""
 
 
@@ -218,7 +217,7 @@ def _residual(
     design: Floats, target: Floats, estimate: Floats, p: AlignmentParameters
 ) -> tuple[Floats, float]:
     """Return the residuals and their standard deviation."""
-    residual: Floats = target - design @ estimate
+    residual = target - design @ estimate
     if not residual.size:
         return residual, p.noise_us
     spread = _MAD * float(np.median(np.abs(residual)))

@@ -70,7 +70,7 @@ class AlignedClocks:
         self.notes: list[str] = []
         """Corrections and clocks that could not be aligned, a sentence each."""
         for logs in trial.logs.values():
-            before: Tick | None = None
+            before = None
             for log in logs:
                 self._add_segments(log, before)
                 before = log.ticks[-1] if log.ticks else before

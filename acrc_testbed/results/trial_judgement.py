@@ -11,7 +11,7 @@ import numpy as np
 from acrc_testbed.results.clocks import AlignedClocks
 from acrc_testbed.results.field_recordings import FieldTrial, FieldTrialError, Moment, RobotLog
 from actors.array_types import Floats
-from actors.instant import Duration, Instant, seconds
+from actors.instant import Instant, seconds
 from actors.items import ItemGivenUp, ItemKey, TaskLimits, task_reports_fault
 from actors.messages import Drive, TaskChanged
 from actors.settings import decode
@@ -22,7 +22,7 @@ from actors.task.task import Judge, JudgeSetup, Task, TaskDeclaration, TaskError
 if TYPE_CHECKING:
     from firmware_bridge.laboratory.laboratory import LaboratoryResult
 
-_SWITCH_OFF: Final[Duration] = seconds(30)
+_SWITCH_OFF: Final = seconds(30)
 """Robots that stopped at most so long before the last one count as running at the end, because they are
 switched off one by one."""
 

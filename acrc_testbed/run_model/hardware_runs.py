@@ -110,7 +110,7 @@ class _TrialClock:
         """Convert instants, interpolating linearly between steps."""
         if not len(self._own):
             return np.zeros(len(instants))
-        shift: Floats = np.interp(instants, self._own, self._shift)
+        shift = np.interp(instants, self._own, self._shift)
         return instants / 1e6 + shift
 
     def instant(self, instant: int) -> int:

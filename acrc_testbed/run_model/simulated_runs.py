@@ -42,7 +42,7 @@ from actors.world.world_setup import WorldSetup
 
 _TIMEOUT_S: Final = 1.0
 """Timeout for the robots' recordings of a step, s."""
-_TOPICS: Final[dict[str, frozenset[str]]] = {
+_TOPICS: Final = {
     "radio": frozenset({TRUTH.pattern}),
     "world": frozenset({DRIVE.pattern, AIRED.pattern, CONTROL.pattern}),
 }

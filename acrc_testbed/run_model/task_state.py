@@ -1,6 +1,6 @@
 """Robots' reports about items of the task, and the state of all items over time."""
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator
 from itertools import groupby
 from operator import itemgetter
 from typing import NamedTuple
@@ -16,7 +16,7 @@ Routes = dict[str, frozenset[ItemKey]]
 
 def initial_routes(description: RunDescription) -> Routes:
     """Return the routes before robots report any: their own initial items."""
-    counts: Mapping[str, int] = description.item_counts if description.task.lists_items else {}
+    counts = description.item_counts if description.task.lists_items else {}
     return {
         robot: frozenset(ItemKey(robot, number) for number in range(counts.get(robot, 0)))
         for robot in description.robots

@@ -111,7 +111,7 @@ def draw_runs(
             for number, (one, run) in enumerate(zip(arranged, runs, strict=True), 1)
         ]
     name = " beside ".join(one.name for one in arranged) if runs[1:] else runs[0].description.title
-    what: ViewerContents | Sequence[ViewerContents] = arranged if runs[1:] else arranged[0]
+    what = arranged if runs[1:] else arranged[0]
     with (
         regular_file.atomic_replacement(path) as part,
         ViewFile(part, what, name=name, send_to=send_to) as sheet,

@@ -34,7 +34,7 @@ def clearance(blocking: Flags, resolution: float) -> Floats:
     rows, columns = blocking.shape
     ringed = np.ones((rows + 2, columns + 2), dtype=np.bool_)
     ringed[1:-1, 1:-1] = blocking
-    half_cells: Floats = np.sqrt(_squared_clearance(ringed)[1:-1, 1:-1])
+    half_cells = np.sqrt(_squared_clearance(ringed)[1:-1, 1:-1])
     return half_cells * (resolution / 2)
 
 
@@ -214,7 +214,7 @@ def bearing_to(x: float, y: float, heading: float, first_angle: float) -> float:
 
     `first_angle`: of that ray relative to `heading`, the sensor's.
     """
-    bearing: float = atan2(y, x) - heading - first_angle
+    bearing = atan2(y, x) - heading - first_angle
     return bearing - 2 * math.pi * math.floor(bearing / (2 * math.pi))
 
 

@@ -28,7 +28,7 @@ from actors.task.task import TaskDeclaration
 _ADOPTION_S: Final = 6.0
 """How long the arrow of an adoption is shown, s."""
 _CROSS: Final = [3, 15], [9, 21]
-_OUTLINES: Final[Mapping[str, Sequence[list[int]]]] = {
+_OUTLINES: Final = {
     "cross": _CROSS,
     "heavy cross": _CROSS,
     "diamond": [[0, 6, 12, 18, 0]],
@@ -92,7 +92,7 @@ def set_goal_style(canvas: Canvas, robot: str) -> None:
 
 def draw_goals(canvas: Canvas, robot: str, seconds: Floats, here: Floats, there: Floats) -> None:
     """Draw a robot's goals; `here` and `there`: (n, 2), m; NaN: no goal."""
-    heads: Flags = np.isfinite(there[:, 0])
+    heads = np.isfinite(there[:, 0])
     lines = np.stack((at_height(here, INTENT), at_height(there, INTENT)), axis=1)
     rows = [[line] if shown else [] for line, shown in zip(lines, heads.tolist(), strict=True)]
     canvas.draw_strips(f"world/intent/{robot}", seconds, rows)

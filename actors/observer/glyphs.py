@@ -38,10 +38,10 @@ GROUND: Final = 13
 """Brightness around the floor in the viewer."""
 FLOOR: Final = 26
 WALL: Final = 150
-WHITE: Final[Colour] = (255, 255, 255)
-BLACK: Final[Colour] = (0, 0, 0)
-GREY: Final[Colour] = (130, 130, 130)
-OUTCOME_COLOURS: Final[Mapping[str, Colour]] = MappingProxyType(
+WHITE: Final = (255, 255, 255)
+BLACK: Final = (0, 0, 0)
+GREY: Final = (130, 130, 130)
+OUTCOME_COLOURS: Final = MappingProxyType(
     {
         name: colour_of(text)
         for name, text in {
@@ -57,14 +57,14 @@ OUTCOME_COLOURS: Final[Mapping[str, Colour]] = MappingProxyType(
     }
 )
 """Colours of outcomes of frames."""
-LINK: Final[Colour] = (200, 225, 255)
+LINK: Final = (200, 225, 255)
 """Colour of the strongest link."""
-SCAN: Final[Colour] = WHITE
-PARTICLES: Final[Colour] = (120, 230, 120)
-PLAN: Final[Colour] = (255, 220, 90)
-COSTS_COLOUR: Final[Colour] = (120, 110, 200)
+SCAN: Final = WHITE
+PARTICLES: Final = (120, 230, 120)
+PLAN: Final = (255, 220, 90)
+COSTS_COLOUR: Final = (120, 110, 200)
 """Colour of costs in the cost map."""
-ARC: Final[Colour] = (255, 90, 200)
+ARC: Final = (255, 90, 200)
 
 
 def is_small_swarm(robots: Sequence[str]) -> bool:
@@ -163,24 +163,24 @@ _OWN_ACTIVITIES: Final = _glyphs(
         "not heard": ("#210901", "---"),
     }
 )
-ACTIVITY_GLYPHS: Final[Mapping[str, StateGlyph]] = MappingProxyType(
+ACTIVITY_GLYPHS: Final = MappingProxyType(
     {word: CAUSE_GLYPHS[word] for word in ("driving", "deadlock", "idle", "frozen", "off")}
     | dict(_OWN_ACTIVITIES)
 )
 """Activities that a robot reports, else observed ones, and `deadlock` by ground truth. All have enough
 contrast to white text."""
 
-PUT: Final[Colour] = (195, 30, 135)
+PUT: Final = (195, 30, 135)
 """Colour of added obstacles and walls."""
-JAM: Final[Colour] = (90, 135, 255)
-DOOR: Final[Colour] = (255, 210, 127)
+JAM: Final = (90, 135, 255)
+DOOR: Final = (255, 210, 127)
 """Colour of doors on a light background."""
-CLOSED: Final[Colour] = (176, 98, 28)
-RED: Final[Colour] = (193, 39, 45)
-PERSON: Final[Colour] = (118, 150, 0)
+CLOSED: Final = (176, 98, 28)
+RED: Final = (193, 39, 45)
+PERSON: Final = (118, 150, 0)
 """Colour of people, on light and dark backgrounds."""
 
-MARKS: Final[Mapping[str, Mark]] = MappingProxyType(
+MARKS: Final = MappingProxyType(
     {
         "start": Mark("square", None, "start of a robot; disc with name: latest position"),
         "off": Mark("heavy cross", None, "robot off"),

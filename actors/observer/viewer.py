@@ -202,7 +202,7 @@ def _stable_screenshot(client: "ViewerClient", earliest: float) -> bytes:
     last = b""
     for _ in range(_MAX_TRIES):
         try:
-            png: bytes = client.take_screenshot()
+            png = client.take_screenshot()
         except TimeoutError:
             continue
         if png == last and time.monotonic() >= earliest:

@@ -11,7 +11,6 @@ import msgspec
 import numpy as np
 from msgspec import Meta
 from numpy.random import Generator
-from numpy.typing import NDArray
 
 from actors.array_types import Floats, Int64s
 from actors.floor.map_file import load_map
@@ -379,7 +378,7 @@ class DirectReach:
         """Return whether a new second has begun since the last count."""
         return instant_us >= self._next
 
-    def count_pairs(self, instant_us: int, places: NDArray[np.float64]) -> None:
+    def count_pairs(self, instant_us: int, places: Floats) -> None:
         """Count the pairs of powered robots at these places, (n, 2) m."""
         self._next = (instant_us // _PERIOD_US + 1) * _PERIOD_US
         loss = self._propagation.loss_db(places, places, self._greatest_loss_db)

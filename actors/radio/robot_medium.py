@@ -5,7 +5,6 @@ from itertools import pairwise
 from typing import Final, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from actors.array_types import Floats, Indices, Int64s, Octets, Records
 from actors.kernels import kernel
@@ -108,7 +107,7 @@ class TransceiverTruth:
         self._truths = table
         self.still = not table[:, 2:4].any()
 
-    def positions(self, instant_ns: int) -> NDArray[np.float64]:
+    def positions(self, instant_ns: int) -> Floats:
         """Return the positions at an instant, (transceivers, 2), m."""
         elapsed = (instant_ns - self._start_ns) / 1e9
         return _moved(self._truths, elapsed)
@@ -161,7 +160,7 @@ class SubmittedFrame(NamedTuple):
 
 
 def _copies(
-    sent: Sequence[tuple[Octets, NDArray[np.float64]]], senders: Sequence[int]
+    sent: Sequence[tuple[Octets, Floats]], senders: Sequence[int]
 ) -> list[tuple[bytes, bytes, bytes]]:
     """Return the last three fields of FrameOutcome for transmitted frames with their outcomes."""
     if not sent:
@@ -212,7 +211,7 @@ class RobotMedium:
         self._epochs: tuple[int, ...] | None = None
         self.discarded = 0
         """Number of notices discarded because their epoch had ended."""
-        self._last_places: NDArray[np.float64] | None = None
+        self._last_places: Floats | None = None
         # By transceiver and medium tag, as robots' own tags need not be unique.
         self._frames: list[dict[int, SubmittedFrame]] = [{} for _ in self._addresses]
         self._serial = 0
@@ -303,9 +302,7 @@ class RobotMedium:
                 if self._keeps_outcomes:
                     self._ended.append((frame, instant, end))
 
-    def _quality(
-        self, power_mw: NDArray[np.float64], sinr: NDArray[np.float64]
-    ) -> tuple[NDArray[np.float64], Indices]:
+    def _quality(self, power_mw: Floats, sinr: Floats) -> tuple[Floats, Indices]:
         """Return signal strengths, dBm, and link qualities, limited to the chip's codes; (n,) each.
 
         Interference lowers the quality like an equally weaker signal. Not meaningful for events other than

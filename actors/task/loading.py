@@ -22,7 +22,7 @@ from actors.wording import short_repr, toml_text
 
 GROUP: Final = "acrc.tasks"
 """Entry point group in which an installed distribution registers tasks: name = "module:Class"."""
-TASKS: Final[Mapping[str, str]] = {
+TASKS: Final = {
     "cleaning": "cleaning.task:CleaningTask",
     "logistics": "logistics.task:Logistics",
 }

@@ -27,7 +27,6 @@ from actors.messages import (
     TASK_CHANGED,
     TASK_NEWS,
     TRUTH,
-    Control,
     Drive,
     FloorChanged,
     OrderOutcomes,
@@ -228,7 +227,7 @@ class WorldCore:
         """Carry out an operator's orders; answer if they have a ticket."""
         if at(CONTROL).key not in inputs:
             return []
-        control: Control = read(inputs, CONTROL)
+        control = read(inputs, CONTROL)
         refusals = self._orders.take(control.orders)
         return [to(ANSWERED, OrderOutcomes(self.step, control.ticket, refusals))] if control.ticket else []
 

@@ -11,7 +11,6 @@ from typing import Annotated, Final, Literal
 import msgspec
 import numpy as np
 from msgspec import Meta
-from numpy.typing import NDArray
 
 from actors.array_types import Floats, Indices, UInt16s
 from actors.floor.doors import Doorways
@@ -19,7 +18,7 @@ from actors.floor.grid import OccupancyGrid, largest_region
 from actors.floor.placement import Area, PlacementError, draw_points
 from actors.floor.raster import clearance
 from actors.geometry import Point
-from actors.instant import Duration, Instant, milliseconds, seconds
+from actors.instant import Instant, milliseconds, seconds
 from actors.portable.draws import normals, uniforms
 from actors.randomness import generator
 from actors.settings import Settings
@@ -36,7 +35,7 @@ from actors.world.social_force import (
 MOST_PEOPLE: Final = 100
 _CELL: Final = 0.1
 """Approximate size of the cells of routes, m; own choice, as all values below."""
-_PERIOD: Final[Duration] = milliseconds(100)
+_PERIOD: Final = milliseconds(100)
 """Period at which people look around."""
 _ARRIVED: Final = 20
 """Cost of the way left at which a person has arrived: four cells."""
@@ -216,7 +215,7 @@ class Pedestrians:
                 travel_costs(self._room, *self._goals[person], self._costs[person])
                 trip.nearest = UNREACHED
 
-    def _sampled(self, values: NDArray[np.float64]) -> Floats:
+    def _sampled(self, values: Floats) -> Floats:
         """Return the values in the middle of each cell of the routes."""
         middle = self._every // 2
         return np.ascontiguousarray(values[middle :: self._every, middle :: self._every])

@@ -13,7 +13,7 @@ from pymunk._chipmunk import ffi, lib
 
 from actors.array_types import Floats, Octets, UInt64s
 from actors.geometry import Point, Pose, Twist
-from actors.instant import START, Duration, Instant, in_seconds, milliseconds
+from actors.instant import START, Instant, in_seconds, milliseconds
 from actors.portable import arrays, cos_sin
 from actors.robot_model import Footprint, RobotModel, load_model
 from actors.runtime.errors import AcrcError
@@ -207,7 +207,7 @@ def _check_layout() -> None:
     assert all(abs(found[place] - value) < 1e-12 for place, value in places)
 
 
-SUBSTEP: Final[Duration] = milliseconds(10)
+SUBSTEP: Final = milliseconds(10)
 """Time step of the physics."""
 _NO_CONTACTS: Final = np.empty((0, 3), np.uint64), np.empty((0, 2))
 

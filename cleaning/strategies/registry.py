@@ -1,7 +1,7 @@
 """Registry of strategies by name."""
 
 import importlib.metadata
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from types import MappingProxyType
 from typing import Final
@@ -10,7 +10,7 @@ from actors.robot.behaviour import handover
 from actors.robot.behaviour.loading import BehaviourError
 from actors.runtime.errors import AcrcError
 
-STRATEGIES: Final[Mapping[str, str]] = MappingProxyType(
+STRATEGIES: Final = MappingProxyType(
     {
         "none": "cleaning.strategies.none:behaviour",
         "none-original": "cleaning.strategies.none:original",

@@ -40,7 +40,7 @@ from actors.world.world_setup import WorldSetup
 
 STATES: Final = ("driving", "standing", "blocked", "idle", "frozen", "off")
 """Externally observed states of a robot; "blocked": it stands near another robot."""
-LEGEND: Final[Mapping[str, Mark]] = {
+LEGEND: Final = {
     **{name: MARKS[name] for name in ("off", "frozen")},
     "blocked": Mark("blocked", ACTIVITY_GLYPHS["blocked"].colour, "blocked robot, and the robot in its way"),
     "destination": Mark("dashes", None, "to the next item of the robot's route"),

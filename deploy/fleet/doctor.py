@@ -209,7 +209,7 @@ def _check_group() -> str:
     raise AcrcError(f"{user} is not in the group {GROUP}; {add}")
 
 
-COMPUTER_CHECKS: Final[Mapping[str, Callable[[], str]]] = {
+COMPUTER_CHECKS: Final = {
     "clock": _check_clock,
     "disk": _check_disk,
     "namespaces": _check_namespaces,

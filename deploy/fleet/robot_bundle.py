@@ -140,7 +140,7 @@ def _strategy_files(fleet: Fleet, permit: Permit) -> _Files:
     if len(folders) > 1:
         both = " and ".join(sorted(map(str, folders)))
         raise AcrcError(f"{fleet.path}: strategies and task are in {both}; a bundle needs them in one folder")
-    loaded: Sequence[str] = tuple(FINDER.hashes())
+    loaded = tuple(FINDER.hashes())
     return {
         f"modules/{path.relative_to(folder)}": (regular_file.read_bytes(path), 0o644)
         for folder in folders

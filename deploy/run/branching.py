@@ -110,7 +110,7 @@ def branch(origin: Path, change: Change, options: RunOptions, *, permit: Permit)
             f"{origin}: the repeated run differs before {change.at_s:g} s: {difference.words}; for details: "
             f"`{command_line('replay', origin, modules=permit.modules)}`"
         )
-    control: BranchControl | None = None
+    control = None
     if restarted is not None:
         with TemporaryDirectory(prefix="acrc-") as name:
             control_options = replace(options, out=Path(name) / "control")

@@ -170,7 +170,7 @@ def draw_model(model: RobotModel) -> Figure:
         axes.grid(alpha=0.25, lw=0.5)
     _set_title(near, model.name)
     _set_title(far, f"sensor {model.default_sensor}")
-    handles: list[Artist] = [
+    handles = [
         Patch(color=_BODY, alpha=0.35, label="body; line: forward"),
         Line2D([], [], marker="^", ls="", color=style.INK, label="range sensor"),
         Patch(color=_VIEW, label="field of view"),

@@ -122,7 +122,7 @@ class EmulatedBoard:
         """Return the time of the next action; None: none, or the board hangs."""
         if self.hung:
             return None
-        times: list[int | None] = [self._next_reading[0], self._button_until, self._answers.wake()]
+        times = [self._next_reading[0], self._button_until, self._answers.wake()]
         if self._incoming:
             begin, data = self._incoming[0]
             times.append(begin + byte_time(min(len(data), self._taken_bytes + _BYTES_PER_STEP)))

@@ -67,16 +67,16 @@ class StateChange(NamedTuple):
 
 _FIELDS: Final = ("bumper", "wheel_drop", "cliff", "buttons", "charger", "overcurrent")
 """Fields of BasicSensorData with reported changes."""
-_MAX_CONTROL_INTERVAL: Final[Duration] = milliseconds(40)
+_MAX_CONTROL_INTERVAL: Final = milliseconds(40)
 """Maximum interval of base controls without feedback; our choice, two feedbacks."""
-_STOP_INTERVAL: Final[Duration] = milliseconds(7)
+_STOP_INTERVAL: Final = milliseconds(7)
 """Interval of stop commands while the wheels still turn; a base accepts 150 per second."""
-_NOISY_STOP_INTERVAL: Final[Duration] = milliseconds(1)
+_NOISY_STOP_INTERVAL: Final = milliseconds(1)
 """Interval of stop commands while the line is noisy, which fills the line. If three bytes in ten are damaged,
 one command in 35 arrives intact."""
 _MAX_STOPS_PER_WRITE: Final = 20
 """Maximum number of stop commands per write, 200 bytes."""
-_REPEAT: Final[Duration] = milliseconds(1000)
+_REPEAT: Final = milliseconds(1000)
 """Interval at which outputs are repeated, because commands are not acknowledged."""
 _FULL_V, _LOW_V, _DANGER_V = 16.5, 14.0, 13.2
 """Voltages of a battery of four lithium-ion cells: full, low, and shortly before the base switches off;

@@ -18,23 +18,23 @@ import math
 from enum import Enum
 from typing import Final, NamedTuple
 
-from actors.instant import Duration, Instant, in_seconds, milliseconds
+from actors.instant import Instant, in_seconds, milliseconds
 from firmware_bridge.kobuki.kobuki_motion import TRACK, ticks_between
 from firmware_bridge.kobuki.kobuki_packets import BaseFeedback, BasicSensorData, InertialSensorData
 
-FEEDBACK_SILENCE: Final[Duration] = milliseconds(100)
+FEEDBACK_SILENCE: Final = milliseconds(100)
 """Timeout of feedback; kobuki_driver: 100 ms."""
-_FEEDBACK_RECOVERY: Final[Duration] = milliseconds(100)
+_FEEDBACK_RECOVERY: Final = milliseconds(100)
 """Required duration of feedback after a silence before motion; own choice, five feedbacks."""
-_COMMAND_AGE: Final[Duration] = milliseconds(200)
+_COMMAND_AGE: Final = milliseconds(200)
 """Maximum age of a command; two steps."""
-_STILLNESS: Final[Duration] = milliseconds(1000)
+_STILLNESS: Final = milliseconds(1000)
 """Required standstill after a wheel drop before motion; own choice."""
 _STILL_TICKS: Final = 2
 """Maximum change of encoder ticks between two feedbacks at standstill; own choice, 0.17 mm."""
 _STILL_RATE_CDEG: Final = 200
 """Maximum gyro rate at standstill, 0.01°/s; own choice, far above its noise."""
-_OVERCURRENT_REST: Final[Duration] = milliseconds(1000)
+_OVERCURRENT_REST: Final = milliseconds(1000)
 """Stop after the end of over-current; own choice."""
 _SPEED: Final = 0.7
 """Maximum speed, m/s; Kobuki user guide."""
@@ -45,7 +45,7 @@ _SPEED_UP, _TURN_UP = 0.3, 3.5
 _SLOW_DOWN, _TURN_DOWN = 0.6, 4.2
 """Maximum decelerations. Own choice of 0.6, above kobuki_driver's 0.36; navigation plans with 1.0
 (actors.robot.navigation.steering), so that this base stops later than planned."""
-_MAX_RAMP_TIME: Final[Duration] = milliseconds(60)
+_MAX_RAMP_TIME: Final = milliseconds(60)
 """Limit of the time between two commands in ramps; own choice, three feedbacks: no jump after a suspended
 host."""
 _MIN_BACKWARD_RADIUS: Final = TRACK / 2 + 0.002

@@ -36,7 +36,6 @@ from actors.orders import Pause, Resume, Stop
 from actors.portable import cos_sin
 from actors.runtime.core import Address, Inputs, Output, at, to
 from actors.runtime.errors import AcrcError
-from actors.topic import Message
 from firmware_bridge.onboard.device_loop import TimedCore
 
 
@@ -54,7 +53,7 @@ class BaseReport(msgspec.Struct):
     """Number of steps by latency of the robot's answer, ms."""
 
 
-BRIDGE_TIMEOUT: Final[Duration] = milliseconds(20)
+BRIDGE_TIMEOUT: Final = milliseconds(20)
 """Timeout of the bridge's report: a fifth of a step; typical is 1 ms."""
 
 
@@ -147,7 +146,7 @@ class BaseCore(TimedCore):
         if not inputs:
             return self._on_time()
         (key,) = inputs
-        message: Message = inputs[key]
+        message = inputs[key]
         match message:
             case Drive():
                 return self._on_drive(message)

@@ -120,11 +120,11 @@ _MIN_DISTANCES: Final = (0.08, 0.18, 0.3)
 """Distance between compared sweeps by any track, m: short for fast detection, long for partial faults; ..."""
 _MIN_TURNS: Final = (0.2, 0.4, 0.6)
 """... or turn, rad."""
-_MAX_SWEEP_AGE: Final[Duration] = milliseconds(1500)
+_MAX_SWEEP_AGE: Final = milliseconds(1500)
 """Maximum time between compared sweeps; own choice."""
-_PERIOD: Final[Duration] = milliseconds(80)
+_PERIOD: Final = milliseconds(80)
 """Minimum time between checked sweeps; a camera returns 30 per second."""
-_MAX_FEEDBACK_AGE: Final[Duration] = milliseconds(60)
+_MAX_FEEDBACK_AGE: Final = milliseconds(60)
 """Maximum age of the last feedback at the end of a sweep; later motion is unknown."""
 _MIN_POINTS: Final = 24
 """Minimum number of points for a decision."""
@@ -286,14 +286,14 @@ def _motion_between(earlier: SensorSweep, later: SensorSweep, track: PoseTrack) 
     return complex(distance * direction(poses.heading)[0].conj()), float(turn)
 
 
-REST: Final[Duration] = seconds(2)
+REST: Final = seconds(2)
 """Stop after a contradiction, which shows in motion only; then the robot retries. Own choice."""
 _MAX_OCCURRENCES: Final = 3
 """Number of occurrences after which it stands until the base is restarted; own choice, ..."""
-_FORGET_AFTER: Final[Duration] = seconds(60)
+_FORGET_AFTER: Final = seconds(60)
 """... unless this time passes in between."""
-_PERMANENT: Final[Duration] = seconds(1e9)
-_LONGEST_GAP: Final[Duration] = milliseconds(200)
+_PERMANENT: Final = seconds(1e9)
+_LONGEST_GAP: Final = milliseconds(200)
 """Maximum time between two feedbacks; motion in a longer gap is unknown."""
 
 

@@ -8,7 +8,7 @@ from typing import Final
 import msgspec
 
 from actors.geometry import Pose
-from actors.instant import Duration, Instant, seconds
+from actors.instant import Instant, seconds
 from actors.messages import Odometry
 from actors.runtime import regular_file
 from actors.runtime.background import BackgroundWorker
@@ -18,7 +18,7 @@ SPREAD: Final = 0.3
 FEEDBACK_LOSS_SPREAD: Final = 1.0
 """Increase of the spread after a loss of the base's feedback, m, as it may have driven on. Own choice: twice
 that is 4 s at 0.5 m/s; after a longer motion the robot stands."""
-PERIOD: Final[Duration] = seconds(0.5)
+PERIOD: Final = seconds(0.5)
 """Maximum age of the file while the robot drives."""
 _MAX_FILE_BYTES: Final = 4096
 _MAX_VALUE: Final = 1e6

@@ -86,12 +86,12 @@ _MAX_TURN_DIFFERENCE: Final = 0.2
 """Maximum difference of wheels and gyro within a second, rad: a wheel slips by 4.6 cm. Own choice, ..."""
 _MAX_TURN_SHARE: Final = 0.2
 """... plus this share of the turn: above 110°/s a Kobuki's gyro is less accurate (user guide)."""
-_WINDOW: Final[Duration] = seconds(1)
+_WINDOW: Final = seconds(1)
 _MIN_COMMANDED: Final = 0.08
 """Commanded distance of a wheel from which it is checked, m."""
 _MIN_TRAVELLED_SHARE: Final = 0.1
 """Minimum travelled share of that distance."""
-_MIN_DURATION: Final[Duration] = milliseconds(240)
+_MIN_DURATION: Final = milliseconds(240)
 """Minimum duration of the check: a real base follows within 0.2 s. Own choice."""
 _UNAMBIGUOUS: Final = 0.5
 """Ratio of deviations from the command below which a sensor counts as correct; own choice."""

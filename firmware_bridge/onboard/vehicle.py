@@ -8,7 +8,7 @@ from contextlib import suppress
 from typing import Final, Protocol
 
 from actors.geometry import Pose
-from actors.instant import Duration, Instant, in_seconds, milliseconds, seconds
+from actors.instant import Instant, in_seconds, milliseconds, seconds
 from actors.messages import Odometry, Scan
 from actors.robot_model import BatteryParameters
 from actors.runtime.errors import AcrcError
@@ -22,13 +22,13 @@ from firmware_bridge.range_sensors.rplidar import Rplidar
 from firmware_bridge.range_sensors.sensor import RangeReader
 from firmware_bridge.serial_port import SerialPort
 
-_HEARTBEAT_INTERVAL: Final[Duration] = milliseconds(10)
+_HEARTBEAT_INTERVAL: Final = milliseconds(10)
 """Minimum interval of heartbeats."""
-ECHO_TIMEOUT: Final[Duration] = milliseconds(150)
+ECHO_TIMEOUT: Final = milliseconds(150)
 """Timeout of a heartbeat's echo after which the base stops; same as the guardian's."""
-_HUNG_TIMEOUT: Final[Duration] = seconds(2)
+_HUNG_TIMEOUT: Final = seconds(2)
 """Timeout after which the guardian is replaced."""
-_RESTART_DELAY: Final[Duration] = milliseconds(200)
+_RESTART_DELAY: Final = milliseconds(200)
 """Delay before starting another one, during which the base sends stop."""
 _EXIT_TIMEOUT_S: Final = 1.0
 """Timeout of waiting for the guardian at the end, s; it continues in the background."""

@@ -15,7 +15,7 @@ from typing import Any, Final, NamedTuple, Protocol
 import numpy as np
 
 from actors.array_types import Floats, UInt16s
-from actors.instant import Duration, Instant, milliseconds
+from actors.instant import Instant, milliseconds
 from actors.portable import atan, tan
 from actors.robot_model import RangeSensor as SensorModel
 from actors.runtime.errors import AcrcError
@@ -32,7 +32,7 @@ _KEPT: Final = 64
 """Number of earlier images for comparison, 2 s; own choice."""
 _REPEATED: Final = 3
 """Consecutive repeated images that are a fault; own choice: 0.1 s."""
-SIGHT: Final[Duration] = milliseconds(200)
+SIGHT: Final = milliseconds(200)
 """Timeout of images with echoes; own choice, six images."""
 
 

@@ -14,7 +14,7 @@ from typing import Final
 import numpy as np
 
 from actors.array_types import Floats
-from actors.instant import Duration, Instant, milliseconds
+from actors.instant import Instant, milliseconds
 from actors.robot_model import RangeSensor as SensorModel
 from firmware_bridge.kobuki.safety import HoldCause
 from firmware_bridge.range_sensors.sensor import (
@@ -176,13 +176,13 @@ _KEPT_TURNS: Final = 64
 """Number of earlier turns for comparison, 12 s of an A1; own choice."""
 _REPEATED: Final = 4
 """Repeated parts in the last turn that are a fault; own choice: 60 ms."""
-PATIENCE: Final[Duration] = milliseconds(1000)
+PATIENCE: Final = milliseconds(1000)
 """Timeout of answers and samples after which the lidar is restarted; own choice, five turns."""
-_PAUSE: Final[Duration] = milliseconds(20)
+_PAUSE: Final = milliseconds(20)
 """Wait after stopping; application notes: at least 1 ms."""
-_RESET: Final[Duration] = milliseconds(2000)
+_RESET: Final = milliseconds(2000)
 """Wait after resetting; application notes: at least 2 ms, but an A1 first prints a greeting."""
-_SIGHT: Final[Duration] = milliseconds(250)
+_SIGHT: Final = milliseconds(250)
 """Timeout of echoes and rotation; own choice: a turn of an A1 takes at most 182 ms."""
 FEWEST, MOST = 90, 8192
 """Limits of the samples of a valid turn; own choice: a quarter of an A1's, and less than two turns."""

@@ -2,7 +2,7 @@
 
 import shlex
 from collections import Counter
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Final, NamedTuple
@@ -28,7 +28,7 @@ from acrc_testbed.picture.html_page import PageSection
 from actors.runtime import regular_file
 
 PAGE: Final = "report.html"
-_SECTIONS: Final[tuple[Callable[[ReportView], PageSection | None], ...]] = (
+_SECTIONS: Final = (
     sections.robots,
     time_sections.causes,
     time_sections.blockings,

@@ -74,7 +74,7 @@ class Measurement:
 def likelihoods(field: LikelihoodField, range_max: float, parameters: AmclParameters) -> Floats:
     """Return p of a beam's end by the level of its cell: (256,). `range_max`: of the sensor, m."""
     exponent = -0.5 * np.square(field.distances / parameters.sigma_hit)
-    hit: Floats = parameters.z_hit * arrays.exp(exponent)
+    hit = parameters.z_hit * arrays.exp(exponent)
     return hit + parameters.z_rand / range_max
 
 

@@ -1,6 +1,6 @@
 """Parameters and presets of localisation, and its interface."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from types import MappingProxyType
 from typing import Annotated, Final, Literal, Protocol
 
@@ -119,9 +119,7 @@ _ROBUST: Final = AmclParameters(
     search_poses=3000,
 )
 
-PRESETS: Final[Mapping[str, AmclParameters]] = MappingProxyType(
-    {"chapter": AmclParameters(), "robust": _ROBUST}
-)
+PRESETS: Final = MappingProxyType({"chapter": AmclParameters(), "robust": _ROBUST})
 """`chapter`: the original's parameters. `robust`: most reliable tracking among other robots."""
 
 

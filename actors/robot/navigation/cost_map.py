@@ -5,7 +5,6 @@ multiples of their side, so that rolling moves whole cells and marks keep their 
 """
 
 import math
-from collections.abc import Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Any, Final, Literal
@@ -131,7 +130,7 @@ class CostMapParameters(Settings, frozen=True):
 
 
 _DISC: Final = CostMapParameters(body="disc", allowance=0.0, padding=0.045, inf_is_valid=True)
-LOCAL_MAP_PRESETS: Final[Mapping[str, CostMapParameters]] = MappingProxyType(
+LOCAL_MAP_PRESETS: Final = MappingProxyType(
     {
         "chapter": CostMapParameters(),
         "robust": replace(_DISC, free_memory=seconds(3), moving_memory=seconds(1)),

@@ -64,7 +64,7 @@ def fingerprint() -> bytes:
         3.5, 1.0, 5.0, 5.0, 0.2, 2.0, 0.4, 9.0, 0.5,
     ]  # fmt: skip
     weights = np.array([tuple(numbers)], WEIGHTS)
-    table: Floats = np.linspace(6.0, 0.0, 101, dtype=np.float64)
+    table = np.linspace(6.0, 0.0, 101, dtype=np.float64)
     table.setflags(write=False)
     window, counts, barred = np.array([-2.0, 10.0, -1.0, 1.0]), (7, 8), np.zeros(4, np.bool_)
     bounds = np.array([[0.6, 0.8, 1.5]])

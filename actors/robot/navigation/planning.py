@@ -1,7 +1,7 @@
 """Global planning on the floor plan: paths through the middle of doors, from one potential per goal."""
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import lru_cache
 from types import MappingProxyType
@@ -77,7 +77,7 @@ _IDLE: Final = {
 }
 """Unused parameters by method."""
 _GRID: Final = PlanningParameters(method="grid", factor=3.0)
-PLANNER_PRESETS: Final[Mapping[str, PlanningParameters]] = MappingProxyType(
+PLANNER_PRESETS: Final = MappingProxyType(
     {"chapter": PlanningParameters(), "robust": replace(_GRID, narrowest=0.56)}
 )
 """Presets with the names of those of the table [navigation]."""

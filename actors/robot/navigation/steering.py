@@ -1,7 +1,6 @@
 """Parameters and base class of local planners."""
 
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
 from types import MappingProxyType
 from typing import Annotated, Final, Literal, NamedTuple
 
@@ -124,7 +123,7 @@ class DwaParameters(Settings, frozen=True):
 
 
 _DISC: Final = DwaParameters(rules="disc", granularity=0.05)
-DWA_PRESETS: Final[Mapping[str, DwaParameters]] = MappingProxyType(
+DWA_PRESETS: Final = MappingProxyType(
     {
         "chapter": DwaParameters(),
         "robust": replace(
