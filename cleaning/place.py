@@ -1,7 +1,9 @@
 """Assignments of places to robots, and the places of the original testbed."""
 
+import tomllib
 from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Annotated, Any, Final
 
 import msgspec
@@ -15,25 +17,10 @@ from actors.settings import Place
 from actors.topic import MessagePart
 from deeco.schema import Resolution
 
-_GOLDEN: Final = (
-    (
-        (21.216, 11.918), (17.665, 6.420), (8.456, 12.329), (23.105, 12.257), (18.843, 11.570),
-        (7.928, 13.289), (17.528, 5.508), (10.890, 13.094), (12.216, 5.907), (14.042, 12.991),
-    ),
-    (
-        (8.583, 13.617), (20.843, 12.078), (3.337, 12.312), (10.002, 13.292), (17.959, 3.762),
-        (2.740, 11.575), (19.643, 12.216), (21.349, 11.936), (9.218, 13.410), (20.680, 12.092),
-    ),
-    (
-        (23.019, 11.620), (20.773, 12.328), (3.600, 12.783), (12.495, 1.164), (12.468, 4.930),
-        (13.771, 12.119), (21.914, 13.469), (14.058, 11.304), (17.981, 13.483), (9.700, 11.981),
-    ),
-    (
-        (3.357, 11.356), (17.117, 13.234), (11.686, 1.162), (8.508, 13.664), (26.454, 11.137),
-        (19.922, 13.313), (11.756, 12.574), (12.677, 6.371), (18.811, 13.495), (17.832, 13.650),
-    ),
-)  # fmt: skip
-GOLDEN: Final = tuple(tuple(Point(*place) for place in places) for places in _GOLDEN)
+_FILE: Final = Path(__file__).with_name("golden.toml")
+GOLDEN: Final = tuple(
+    tuple(Point(*place) for place in places) for places in tomllib.loads(_FILE.read_text("utf-8"))["places"]
+)
 """Ten places for each of the original testbed's four robots, m, to the millimetre, from its generator with
 its seed, java.util.Random(42). Some are nearer to a wall than a robot's radius; a robot reaches them from
 within 0.5 m."""

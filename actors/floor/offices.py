@@ -57,10 +57,10 @@ def draw(floor: DrawnFloor) -> Octets:
     return np.flipud(pixels)
 
 
-def header(image: str, drawn_by: str) -> str:
+def header(image: str, drawn_by: str, resolution: float = RESOLUTION) -> str:
     """Return the map's YAML."""
     return (
-        f"# drawn by {drawn_by}\nimage: {image}\nresolution: {RESOLUTION}\n"
+        f"# drawn by {drawn_by}\nimage: {image}\nresolution: {resolution}\n"
         "origin: [0.0, 0.0, 0.0]\nnegate: 0\noccupied_thresh: 0.65\nfree_thresh: 0.196\n"
     )
 

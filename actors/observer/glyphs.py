@@ -4,7 +4,9 @@ Any two states in one picture differ by at least 10 in CIEDE2000 for normal, pro
 vision; hatches distinguish them in grey.
 """
 
+import tomllib
 from collections.abc import Mapping, Sequence
+from pathlib import Path
 from types import MappingProxyType
 from typing import Final, NamedTuple
 
@@ -41,20 +43,9 @@ WALL: Final = 150
 WHITE: Final = (255, 255, 255)
 BLACK: Final = (0, 0, 0)
 GREY: Final = (130, 130, 130)
+_STYLES: Final = tomllib.loads(Path(__file__).with_name("glyphs.toml").read_text("utf-8"))
 OUTCOME_COLOURS: Final = MappingProxyType(
-    {
-        name: colour_of(text)
-        for name, text in {
-            "heard": "#0072b2",
-            "collision": "#d53c28",
-            "disturbed": "#cc79a7",
-            "half duplex": "#e69f00",
-            "receiver busy": "#8a6d3b",
-            "below sensitivity": "#808080",
-            "powered off": "#5a5a60",
-            "withheld": "#9467bd",
-        }.items()
-    }
+    {name: colour_of(text) for name, text in _STYLES["outcomes"].items()}
 )
 """Colours of outcomes of frames."""
 LINK: Final = (200, 225, 255)
@@ -127,45 +118,11 @@ def _glyphs(styles: Mapping[str, tuple[str, str]]) -> Mapping[str, StateGlyph]:
     )
 
 
-CAUSE_GLYPHS: Final = _glyphs(
-    {
-        "driving": ("#367e5d", ""),
-        "waiting at a door": ("#f67a55", ""),
-        "blocked on open floor": ("#fcc083", "//"),
-        "deadlock": ("#650700", "xx"),
-        "livelock": ("#83b7a7", "++"),
-        "blocked by dead robot": ("#a22ea7", "\\\\"),
-        "done robot in the way": ("#cfabf3", "||"),
-        "closed door": ("#585453", "--"),
-        "unreachable": ("#02157d", "oo"),
-        "no plan": ("#034b2c", "..."),
-        "waits on purpose": ("#9d5900", "///"),
-        "no progress": ("#e7d809", ""),
-        "lost": ("#bd79f9", "**"),
-        "strategy idle": ("#ebd9bf", "---"),
-        "idle": ("#4f5a70", ".."),
-        "frozen": ("#408692", "OO"),
-        "off": ("#11131c", ""),
-    }
-)
+CAUSE_GLYPHS: Final = _glyphs(_STYLES["causes"])
 """Causes by ground truth, in the stacking order of reports."""
-_OWN_ACTIVITIES: Final = _glyphs(
-    {
-        "planning": ("#233b58", "//"),
-        "no trajectory": ("#b07009", "\\\\"),
-        "backing out": ("#694f08", "||"),
-        "blocked": ("#b5413d", "xx"),
-        "adopted": ("#044fd2", "++"),
-        "elsewhere": ("#8f65eb", ".."),
-        "paused": ("#1326a4", "--"),
-        "aborted": ("#e2476b", "oo"),
-        "standing": ("#464549", "**"),
-        "not heard": ("#210901", "---"),
-    }
-)
 ACTIVITY_GLYPHS: Final = MappingProxyType(
     {word: CAUSE_GLYPHS[word] for word in ("driving", "deadlock", "idle", "frozen", "off")}
-    | dict(_OWN_ACTIVITIES)
+    | dict(_glyphs(_STYLES["activities"]))
 )
 """Activities that a robot reports, else observed ones, and `deadlock` by ground truth. All have enough
 contrast to white text."""
