@@ -85,12 +85,12 @@ def read_course(file: Path) -> Course:
         raise CourseLogError(f"{file}: the log cannot be read: {error}.") from error
 
 
+@dataclass(frozen=True)
 class _Log:
     """Reader of one log."""
 
-    def __init__(self, file: Path, archive: zipfile.ZipFile) -> None:
-        self._file = file
-        self._archive = archive
+    file: Path
+    archive: zipfile.ZipFile
 
     def course(self) -> Course:
         sensor, start = self._about()
@@ -180,7 +180,7 @@ class _Log:
 
     def _bytes(self, name: str, max_bytes: int) -> bytes:
         try:
-            with self._archive.open(name) as member:
+            with self.archive.open(name) as member:
                 content = member.read(max_bytes + 1)
         except KeyError:
             raise self._error(f"{name} is missing") from None
@@ -189,7 +189,7 @@ class _Log:
         return content
 
     def _error(self, problem: str) -> CourseLogError:
-        return CourseLogError(f"{self._file}: {problem}.")
+        return CourseLogError(f"{self.file}: {problem}.")
 
 
 Preset = Literal["chapter", "robust", "odometry"]

@@ -137,21 +137,21 @@ _SENSITIVITY_LEAD_DB: Final = 0.4066
 _BATCH: Final = 20_000
 
 
+@dataclass(frozen=True)
 class LossTable:
     """Propagation given by a table of losses, dB; transceiver i is at (i, 0)."""
 
-    def __init__(self, losses_db: Floats) -> None:
-        self._losses_db = losses_db
+    losses_db: Floats
 
     def loss_db(self, senders: Floats, receivers: Floats, most_db: float = math.inf) -> Floats:
         """Return the losses as `Propagation.loss_db`."""
         rows, columns = senders[:, 0].astype(np.intp), receivers[:, 0].astype(np.intp)
-        return self._losses_db[np.ix_(rows, columns)]
+        return self.losses_db[np.ix_(rows, columns)]
 
     @property
     def places(self) -> Floats:
         """(n, 2): positions of the transceivers, m."""
-        n = len(self._losses_db)
+        n = len(self.losses_db)
         return np.stack([np.arange(n, dtype=np.float64), np.zeros(n)], axis=1)
 
 

@@ -7,6 +7,7 @@ import time
 from collections.abc import Iterator
 from concurrent.futures import CancelledError, Executor, Future, ThreadPoolExecutor
 from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Final, NamedTuple
 
@@ -126,18 +127,18 @@ def validated_answer(answer: object) -> TrialOutcome:
     )
 
 
+@dataclass(frozen=True)
 class LocalPool:
     """Pool of forked trial processes on this computer."""
 
-    def __init__(self, executor: Executor, jobs: int, patience_s: float, launcher: TrialLauncher) -> None:
-        self._executor = executor
-        self._patience_s = patience_s
-        self._launcher = launcher
-        self.slots = jobs
+    executor: Executor
+    slots: int
+    patience_s: float
+    launcher: TrialLauncher
 
     def submit(self, order: TrialOrder) -> "Future[TrialOutcome]":
         """Submit a trial."""
-        return self._executor.submit(run_trial, order, self._patience_s, self._launcher)
+        return self.executor.submit(run_trial, order, self.patience_s, self.launcher)
 
     def outcome(self, future: "Future[TrialOutcome]") -> TrialOutcome:
         """Return the outcome of an ended trial."""

@@ -185,7 +185,7 @@ def _turns(run: RunData) -> Floats:
 
 def estimates_in_walls(run: RunData, grid: OccupancyGrid) -> Flags:
     """Return where the estimated position is in an obstacle of the map, (steps, robots)."""
-    corner = np.array([grid.origin.x, grid.origin.y])
+    corner = np.array(grid.origin)
     known = np.isfinite(run.estimated[..., 0])
     cells = np.floor((np.where(known[..., None], run.estimated[..., :2], corner) - corner) / grid.resolution)
     cells = cells.astype(np.int64)

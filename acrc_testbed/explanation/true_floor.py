@@ -89,7 +89,7 @@ class FloorPaths:
 
     def squares(self, points: Points) -> Int64s:
         """Return row and column of the cells of points, (n, 2); all points of a cell have one path."""
-        corner = np.array([self._grid.origin.x, self._grid.origin.y])
+        corner = np.array(self._grid.origin)
         cells: Int64s = np.floor((points - corner) / self._grid.resolution).astype(np.int64)
         return cells[:, ::-1]
 
@@ -147,7 +147,7 @@ class Passages:
         """Return where no wall is between pairs of points, each (k, 2), m; (k,)."""
         farthest = float(np.hypot(*(other - one).T).max(initial=0.0))
         along = np.linspace(0.0, 1.0, int(farthest / self._grid.resolution) + 2)[:, None, None]
-        corner = np.array([self._grid.origin.x, self._grid.origin.y])
+        corner = np.array(self._grid.origin)
         cells = ((one + (other - one) * along - corner) / self._grid.resolution).astype(np.intp)
         seen: Flags = ~self._grid.blocking[cells[..., 1], cells[..., 0]].any(axis=0)
         return seen

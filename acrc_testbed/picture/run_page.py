@@ -281,5 +281,5 @@ def _view(run: RunData) -> tuple[Floats, Floats]:
     items = [(one.mark.x, one.mark.y) for one in floor_picture.shown_items(run)]
     points = np.concatenate([run.true[..., :2].reshape(-1, 2), np.array(items).reshape(-1, 2)])
     grid, low, high = run.grid, points.min(axis=0) - _MARGIN, points.max(axis=0) + _MARGIN
-    first, last = (np.array([corner.x, corner.y]) for corner in (grid.origin, grid.corner))
+    first, last = (np.array(corner) for corner in (grid.origin, grid.corner))
     return np.where(low - first < _MARGIN, first, low), np.where(last - high < _MARGIN, last, high)

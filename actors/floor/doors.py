@@ -87,22 +87,22 @@ class DoorError(AcrcError):
     """A point without a door, or a door that no straight line closes."""
 
 
+@dataclass(frozen=True)
 class Doorways:
     """Doors of one floor for robots of one radius, m, and the cells that close them."""
 
-    def __init__(self, grid: OccupancyGrid, radius: float) -> None:
-        self._grid = grid
-        self._radius = radius
+    grid: OccupancyGrid
+    radius: float
 
     @cached_property
     def regions(self) -> Regions:
         """Regions and doors of the floor."""
-        return regions(self._grid, passable(self._grid, self._radius), self._grid.clearance)
+        return regions(self.grid, passable(self.grid, self.radius), self.grid.clearance)
 
     def at(self, point: Point) -> Door:
         """Return the door at a point, or within 0.5 m of it. Raises DoorError."""
         parts = self.regions
-        cell = nearest_cell(self._grid, parts.labels > parts.count, point, _MAX_DISTANCE)
+        cell = nearest_cell(self.grid, parts.labels > parts.count, point, _MAX_DISTANCE)
         if cell is None:
             known = ", ".join(f"({door.middle.x:.2f}, {door.middle.y:.2f})" for door in parts.doors)
             has = f"the map's doors are at {known}" if known else "the map has none"
@@ -129,13 +129,13 @@ class Doorways:
         rows, columns = np.nonzero(closed_cells)
         gaps = arrays.hypot((rows[:, None] - rows).astype(float), (columns[:, None] - columns).astype(float))
         ends = np.unravel_index(int(gaps.argmax()), gaps.shape)
-        one, other = (self._grid.centre(Cell(int(rows[end]), int(columns[end]))) for end in ends)
+        one, other = (self.grid.centre(Cell(int(rows[end]), int(columns[end]))) for end in ends)
         return one, other
 
     def _lines(self, inside: Flags) -> tuple[Int64s, Int64s]:
         """Return row and column of both ends of all lines through the door's cells, (n, 2) each."""
         cells = np.argwhere(inside)
-        room = self._grid.clearance[inside] / self._grid.resolution
+        room = self.grid.clearance[inside] / self.grid.resolution
         angles = np.arange(_DIRECTIONS) * (np.pi / _DIRECTIONS)
         begins, ends = [], []
         for along in np.stack([arrays.sin(angles), arrays.cos(angles)], axis=1):
@@ -148,10 +148,10 @@ class Doorways:
 
     def _first_blocking(self, cells: Int64s, along: Floats) -> Int64s:
         """Return the first blocking cell from each cell in a direction; the last one otherwise."""
-        blocking = np.pad(self._grid.blocking, 1, constant_values=True)
-        shape = np.array(self._grid.cells.shape)
+        blocking = np.pad(self.grid.blocking, 1, constant_values=True)
+        shape = np.array(self.grid.cells.shape)
         last, active = cells.copy(), np.ones(len(cells), np.bool_)
-        for step in range(1, int(2 * ROOM / self._grid.resolution) + 2):
+        for step in range(1, int(2 * ROOM / self.grid.resolution) + 2):
             here = np.floor(cells + along * step + 0.5).astype(np.int64)
             last[active] = np.clip(here[active], -1, shape)
             active &= ~blocking[last[:, 0] + 1, last[:, 1] + 1]
@@ -163,10 +163,10 @@ class Doorways:
         line = np.floor(np.linspace(begin, end, count) + 0.5).astype(np.int64)
         corners = np.stack([line[:-1, 0], line[1:, 1]], axis=1)
         rows, columns = np.concatenate([line, corners]).T
-        on_map = (rows >= 0) & (columns >= 0) & (rows < self._grid.rows) & (columns < self._grid.columns)
-        filled = np.zeros(self._grid.cells.shape, np.bool_)
+        on_map = (rows >= 0) & (columns >= 0) & (rows < self.grid.rows) & (columns < self.grid.columns)
+        filled = np.zeros(self.grid.cells.shape, np.bool_)
         filled[rows[on_map], columns[on_map]] = True
-        return filled & self._grid.free
+        return filled & self.grid.free
 
     def _separates(self, rest: Flags, door: Door) -> bool:
         """Return whether the rest of a door's cells no longer connects all its regions."""

@@ -7,7 +7,6 @@ from collections.abc import Callable
 from contextlib import suppress
 from functools import partial
 from pathlib import Path
-from types import TracebackType
 from typing import Final
 
 import msgspec
@@ -88,10 +87,8 @@ class LossyRecorder(Recorder):
         """Records since the last flush, not yet sealed."""
         self._disk_error: UnwritableError | None = None
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self._attempt(partial(super().__exit__, kind, error, trace), 0)
+    def __exit__(self, *error: object) -> None:
+        self._attempt(partial(super().__exit__, *error), 0)
         if self._disk_error is not None:
             write_stderr(f"{self._disk_error}; {self.lost} records lost\n")
 
@@ -150,11 +147,9 @@ class BackgroundRecorder(LossyRecorder):
         """Number of records lost."""
         return self._background.dropped + self.lost
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *error: object) -> None:
         if self._background.close():
-            super().__exit__(kind, error, trace)
+            super().__exit__(*error)
         else:
             write_stderr(f"{self.path}: disk too slow; {self.dropped} records lost\n")
 

@@ -1,6 +1,7 @@
 """Process of the world: set-up, core and router."""
 
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from types import FrameType
 from typing import Any, Final
@@ -56,31 +57,31 @@ def initial_marks(setup: WorldSetup) -> tuple[ItemMark, ...]:
     return build(setup).judge.take_changes()[0]
 
 
+@dataclass(frozen=True)
 class JudgedWorld:
     """The world as its judge may use it, implementing `TaskWorld`."""
 
-    def __init__(self, task: Task, bodies: Bodies, participants: Participants) -> None:
-        self._task = task
-        self._bodies = bodies
-        self._participants = participants
+    task: Task
+    bodies: Bodies
+    participants: Participants
 
     def charge(self, robot: str, watts: float) -> None:
         """Charge the robot's battery during the next step."""
-        self._bodies.batteries.charge(self._participants[robot].index, watts)
+        self.bodies.batteries.charge(self.participants[robot].index, watts)
 
     def battery(self, robot: str) -> float | None:
         """Return the charge of the robot's battery, 0 to 1; None: not simulated."""
-        return self._bodies.batteries.charges[self._participants[robot].index]
+        return self.bodies.batteries.charges[self.participants[robot].index]
 
     def speed(self, robot: str) -> float:
         """Return the robot's true speed, m/s."""
-        _, _, _, vx, vy, _ = self._bodies.truth(self._participants[robot].index)
+        _, _, _, vx, vy, _ = self.bodies.truth(self.participants[robot].index)
         return hypot(vx, vy)
 
     def give(self, robot: str, items: Sequence[Any]) -> None:
         """Send further items to the robot with its next SensorData."""
-        member = self._participants[robot]
-        decode_items(self._task, msgspec.to_builtins(items))
+        member = self.participants[robot]
+        decode_items(self.task, msgspec.to_builtins(items))
         check_room(member, items)
         member.given_items += tuple(items)
 

@@ -1,6 +1,5 @@
 """Keys of a fleet: a certificate authority, and a folder with key and certificate for each machine."""
 
-import os
 import re
 import secrets
 import shutil
@@ -14,11 +13,11 @@ from typing import Final
 
 from actors.installation.usage import wrong_value
 from actors.runtime.errors import AcrcError
-from actors.runtime.isolation.credentials import PACKET_KEY_FILE, PRIVATE_KEY_FILE, write_secret
+from actors.runtime.isolation.credentials import PACKET_KEY_FILE, write_secret
 from actors.runtime.isolation.tls import AUTHORITY_FILE, CERTIFICATE_FILE, OPERATOR
 from deploy.fleet.fleet_file import Fleet, FleetRobot
 from deploy.hosts import certificates
-from deploy.hosts.certificates import CLIENT, SERVER, CertifiedKey
+from deploy.hosts.certificates import CLIENT, SERVER
 
 AUTHORITY_FOLDER: Final = "authority"
 """Folder of the certificate authority; do not copy it to robots."""
@@ -80,14 +79,14 @@ def create_keys(
     fleet_keys = _describe_keys(fleet, out, hosts, now, days)
     issuer = certificates.create_authority(f"fleet {fleet.path.stem}", now, days)
     with _new_folder(out) as draft:
-        _write(draft / AUTHORITY_FOLDER, issuer, issuer)
+        certificates.PemKeys(issuer.certificate_pem, b"", issuer.private_pem).write(draft / AUTHORITY_FOLDER)
         packet_key = secrets.token_hex(16)
         for machine in fleet_keys.machines:
             purpose = CLIENT if machine.machine == OPERATOR else SERVER
             machine_key = certificates.issue_certificate(
                 issuer, machine.machine, [purpose], machine.hosts, now, days
             )
-            _write(draft / machine.machine, issuer, machine_key)
+            certificates.pem_keys(issuer, machine_key).write(draft / machine.machine)
             if machine.machine != OPERATOR:
                 write_secret(draft / machine.machine / PACKET_KEY_FILE, packet_key)
         (draft / ".gitignore").write_text("# Never commit private keys.\n*\n")
@@ -174,13 +173,3 @@ def _new_folder(out: Path) -> Iterator[Path]:
         draft.rename(out)
     finally:
         shutil.rmtree(draft, ignore_errors=True)
-
-
-def _write(folder: Path, issuer: CertifiedKey, machine_key: CertifiedKey) -> None:
-    folder.mkdir(mode=0o700)
-    (folder / AUTHORITY_FILE).write_bytes(issuer.certificate_pem)
-    if machine_key is not issuer:
-        (folder / CERTIFICATE_FILE).write_bytes(machine_key.certificate_pem)
-    handle = os.open(folder / PRIVATE_KEY_FILE, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600)
-    with os.fdopen(handle, "wb") as file:
-        file.write(machine_key.private_pem)

@@ -4,7 +4,6 @@ All private keys are generated on the computer of the authority; users copy a fl
 """
 
 import ipaddress
-import os
 from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
@@ -20,7 +19,7 @@ from cryptography.hazmat.primitives.asymmetric.ec import (
 )
 from cryptography.x509.oid import ExtendedKeyUsageOID, NameOID, ObjectIdentifier
 
-from actors.runtime.isolation.credentials import PRIVATE_KEY_FILE
+from actors.runtime.isolation.credentials import PRIVATE_KEY_FILE, write_secret
 from actors.runtime.isolation.tls import AUTHORITY_FILE, CERTIFICATE_FILE
 
 SERVER = ExtendedKeyUsageOID.SERVER_AUTH
@@ -140,7 +139,7 @@ def _key_usage(*, signs_certificates: bool) -> x509.KeyUsage:
 
 @dataclass(frozen=True)
 class PemKeys:
-    """Certificates and key of one computer of a run, in PEM."""
+    """Certificates and key of one computer, in PEM; the authority has no certificate beside its own."""
 
     authority: bytes
     certificate: bytes
@@ -150,10 +149,9 @@ class PemKeys:
         """Write the files into a folder that only its owner can read."""
         folder.mkdir(mode=0o700, exist_ok=True)
         (folder / AUTHORITY_FILE).write_bytes(self.authority)
-        (folder / CERTIFICATE_FILE).write_bytes(self.certificate)
-        handle = os.open(folder / PRIVATE_KEY_FILE, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600)
-        with os.fdopen(handle, "wb") as file:
-            file.write(self.private_key)
+        if self.certificate:
+            (folder / CERTIFICATE_FILE).write_bytes(self.certificate)
+        write_secret(folder / PRIVATE_KEY_FILE, self.private_key.decode().removesuffix("\n"))
 
 
 _DAYS: Final = 30
@@ -166,8 +164,9 @@ def create_run_keys(hosts: Sequence[str], address: str) -> tuple[PemKeys, dict[s
     issuer = create_authority("run", now, _DAYS)
     world = issue_certificate(issuer, "world", [SERVER], [address], now, _DAYS)
     host_keys = {name: issue_certificate(issuer, name, [CLIENT], [], now, _DAYS) for name in hosts}
-    return _pem_keys(issuer, world), {name: _pem_keys(issuer, pair) for name, pair in host_keys.items()}
+    return pem_keys(issuer, world), {name: pem_keys(issuer, pair) for name, pair in host_keys.items()}
 
 
-def _pem_keys(issuer: CertifiedKey, pair: CertifiedKey) -> PemKeys:
+def pem_keys(issuer: CertifiedKey, pair: CertifiedKey) -> PemKeys:
+    """Return the files of the computer with this key."""
     return PemKeys(issuer.certificate_pem, pair.certificate_pem, pair.private_pem)

@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, Final, NamedTuple
 
@@ -433,19 +434,19 @@ silence."""
 _HEALTHY_LIDAR: Final = {"dark": False, "stuck": False, "health": Health(0), "silent": False}
 
 
+@dataclass(frozen=True)
 class FaultInjector:
     """Executor of commands that inject and remove faults."""
 
-    def __init__(self, laboratory: Laboratory, lines: EmulatedLines) -> None:
-        self._laboratory = laboratory
-        self._lines = lines
+    laboratory: Laboratory
+    lines: EmulatedLines
 
     def execute(self, line: str) -> str:
         """Execute one line (verb, robot, arguments) and return the answer, mostly "ok". Raises AcrcError."""
         verb, *words = line.split() or [""]
         if verb not in _USAGE:
             raise AcrcError(f"unknown command {verb!r}; use one of {', '.join(_USAGE)}")
-        robots, usage = self._laboratory.robots, _USAGE[verb].split()
+        robots, usage = self.laboratory.robots, _USAGE[verb].split()
         robot = words[0] if words else ""
         if robot not in robots:
             raise AcrcError(f"unknown robot {robot!r}; use one of {', '.join(robots)}")
@@ -470,7 +471,7 @@ class FaultInjector:
             case ("where",):
                 return self._position_line(hardware, robot)
             case ("corrupt", device, share):
-                self._lines.corrupt(DevicePort(robot, device), _number(share, "a share", 1.0))
+                self.lines.corrupt(DevicePort(robot, device), _number(share, "a share", 1.0))
             case ("plug" | "unplug" as verb, device):
                 self._plug(DevicePort(robot, device), plug=verb == "plug")
             case ("press" | "reboot", "radio") | ("gps", _):
@@ -478,13 +479,13 @@ class FaultInjector:
         return None
 
     def _plug(self, port: DevicePort, *, plug: bool) -> None:
-        if plug is self._lines.is_plugged(port):
+        if plug is self.lines.is_plugged(port):
             state = "plugged in already; unplug it first" if plug else "not plugged in; plug it first"
             raise AcrcError(f"the {port.device} of {port.robot} is {state}")
-        (self._lines.plug if plug else self._lines.unplug)(port)
+        (self.lines.plug if plug else self.lines.unplug)(port)
 
     def _change_board(self, hardware: EmulatedHardware, robot: str, words: Sequence[str]) -> None:
-        board, now = hardware.radio, self._laboratory.instant
+        board, now = hardware.radio, self.laboratory.instant
         if not isinstance(board, EmulatedBoard):
             raise AcrcError(f"{robot} has a simulated transceiver without a board")
         if words[0] == "gps":
@@ -500,16 +501,16 @@ class FaultInjector:
         for attribute, value in _HEALTHY_LIDAR.items():
             setattr(hardware.lidar, attribute, value)
         for port in (DevicePort(robot, device) for device in DEVICES):
-            self._lines.corrupt(port, 0.0)
-            if not self._lines.is_plugged(port):
-                self._lines.plug(port)
+            self.lines.corrupt(port, 0.0)
+            if not self.lines.is_plugged(port):
+                self.lines.plug(port)
 
     def _position_line(self, hardware: EmulatedHardware, robot: str) -> str:
         """Return time, s; true distance travelled, m; speed, m/s; 1 if the commanded velocity is zero."""
-        time = in_seconds(Duration(self._laboratory.now - START))
+        time = in_seconds(Duration(self.laboratory.now - START))
         commanded_to_stand = int(hardware.body.is_commanded_to_stand)
         speed = hardware.body.truth().v
-        return f"{time:.3f} {self._laboratory.travelled(robot):.4f} {speed:.4f} {commanded_to_stand}"
+        return f"{time:.3f} {self.laboratory.travelled(robot):.4f} {speed:.4f} {commanded_to_stand}"
 
 
 def _number(word: str, what: str, maximum: float) -> float:
