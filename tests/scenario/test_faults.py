@@ -42,7 +42,7 @@ VALUES = {
     "strategy.lease = [[1]]": f"strategy.lease is [[1]], {SETTING}",
     'deeco.key = "00112233445566778899aabbccddeef"':
         'deeco.key is "00112233445566778899aabbccddeef", '
-        "but must be 32 hexadecimal digits, as of `openssl rand -hex 16`",
+        "but must be a string of 32 hexadecimal digits, as of `openssl rand -hex 16`",
     "strategy.lease.long = 1": f'strategy.lease is {{"long": 1}}, {SETTING}',
     '[[area]]\nname = ""\nx = [1, 2]\ny = [1, 2]': 'area[0].name is "", but must be a name such as "hall"',
     '[[area]]\nname = "a"\nx = [1, 2]\ny = [2, 2]': f"area[0].y is [2, 2], {SPAN}",

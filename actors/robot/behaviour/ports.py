@@ -292,7 +292,7 @@ class ExchangeSettings(Settings, frozen=True):
             str,
             Meta(
                 pattern=r"\A[0-9a-fA-F]{32}\Z",
-                description="32 hexadecimal digits, as of `openssl rand -hex 16`",
+                description="a string of 32 hexadecimal digits, as of `openssl rand -hex 16`",
             ),
         ]
         | None
