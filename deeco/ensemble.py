@@ -19,12 +19,13 @@ processes are, also `Contact` and, at an end, `EndReason`.
 """
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from enum import Enum
 from typing import Any, Final, NamedTuple, Protocol, TypeVar, dataclass_transform
 
 from deeco.component import Fact, has_fact, ports
 from deeco.errors import DefinitionError, DeploymentError
+from deeco.group_protocol import GroupMember, MemberRole
 from deeco.instant import Duration, Instant, check_duration
 from deeco.knowledge import Knowledge, describe, is_component, is_role
 
@@ -98,6 +99,8 @@ class EnsembleType:
     """By method: `at_coordinator`, `at_member`, `at_coordinator_end`, `at_member_end`; those that it has."""
     boundary: tuple[type[Knowledge], type[Knowledge]] | None
     """Roles of the sender and of the local component in `boundary`; None without a boundary."""
+    members: Mapping[str, MemberRole] = field(default_factory=dict)
+    """Member roles of a group by name, in order of definition; none for an ensemble of pairs."""
 
     @property
     def roles(self) -> tuple[type[Knowledge], ...]:
@@ -105,7 +108,8 @@ class EnsembleType:
         named = [self.coordinator, self.member]
         named += [exchange.peer for exchange in self.exchanges.values()]
         named += self.boundary or ()
-        return tuple(dict.fromkeys(one for one in named if is_role(one)))
+        named += [member.role for member in self.members.values()]
+        return tuple(dict.fromkeys(one for one in named if is_role(one) and one is not GroupMember))
 
 
 @dataclass_transform(frozen_default=True)

@@ -4,30 +4,22 @@ import sys
 from collections.abc import Iterable, Sequence
 from typing import Any
 
-from deeco.ensemble import EXCHANGES, Binding, Contact, ensemble_type_of
+from deeco.ensemble import EXCHANGES, Binding, Contact
 from deeco.errors import ExecutionError
 from deeco.group_protocol import GroupMember, GroupOffer, can_win, choose, confirm, with_offers
-from deeco.groups import AT_GROUP, PRIORITY, GroupType
+from deeco.groups import AT_GROUP, PRIORITY
 from deeco.instant import Instant, in_seconds
 from deeco.knowledge import replace
 from deeco.local import BoundEnsemble, LocalComponent, Peer
 from deeco.statistics import Statistics
 
 
-def bound_ensemble(instance: object, binding: Binding, statistics: Statistics) -> BoundEnsemble:
-    """Return an ensemble or a group with its bound ports."""
-    kind = ensemble_type_of(instance)
-    if isinstance(kind, GroupType):
-        return BoundGroup(kind, instance, binding, statistics)
-    return BoundEnsemble(instance, binding, statistics)
-
-
 class BoundGroup(BoundEnsemble):
     """A group with its bound ports: an ensemble of the pairs that its nodes have agreed on."""
 
-    def __init__(self, kind: GroupType, instance: object, binding: Binding, statistics: Statistics) -> None:
+    def __init__(self, instance: object, binding: Binding, statistics: Statistics) -> None:
         super().__init__(instance, binding, statistics)
-        self._group = kind
+        kind = self.type
         self._exclusive = {role for role, one in kind.members.items() if one.exclusive}
         called = [one.own for name, one in kind.exchanges.items() if name not in EXCHANGES]
         self._coordinators = (kind.coordinator, *called)
@@ -48,14 +40,14 @@ class BoundGroup(BoundEnsemble):
                 if isinstance(local.value, GroupMember):
                     self._confirm(local, peers, now)
             except Exception as error:
-                error.add_note(f"in group {self._group.name} of {local.id!r} at {in_seconds(now):g} s")
+                error.add_note(f"in group {self.type.name} of {local.id!r} at {in_seconds(now):g} s")
                 raise
         super().evaluate(locals_, replicas, now)
         return list(locals_)
 
     def _coordinate(self, local: LocalComponent, peers: dict[str, Peer], now: Instant) -> None:
         value: Any = local.value
-        group, roles, here = self._group.name, self._group.members, local.contact(now)
+        group, roles, here = self.type.name, self.type.members, local.contact(now)
         since = {one[:4]: one.since for one in value.group_offers}
         priority = self._number(PRIORITY, here, now, value)
         candidates = []
@@ -85,12 +77,12 @@ class BoundGroup(BoundEnsemble):
 
     def _confirm(self, local: LocalComponent, peers: dict[str, Peer], now: Instant) -> None:
         value: Any = local.value
-        group, roles = self._group.name, self._group.members
+        group, roles = self.type.name, self.type.members
         own = {role for role, one in roles.items() if isinstance(value, one.role)}
         offers = [
             one
             for peer in peers.values()
-            for one in getattr(peer.role(self._group.coordinator), "group_offers", ())
+            for one in getattr(peer.role(self.type.coordinator), "group_offers", ())
             if (one.group, one.coordinator, one.member) == (group, peer.id, local.id) and one.role in own
         ]
         before = [one for one in value.group_confirmations if one.group == group]
@@ -103,7 +95,7 @@ class BoundGroup(BoundEnsemble):
     ) -> None:
         """Commit new knowledge; its source is the most recently received one of `peers`, if any."""
         source = max(peers, key=lambda one: one.contact(now).heard, default=local)
-        name, heard = self._group.name, source.contact(now).heard
+        name, heard = self.type.name, source.contact(now).heard
         changed = local.commit(result, f"{name}.{method}", now, adaptation=True, peer=source.id, heard=heard)
         self._statistics.exchanges[name] += changed
 
@@ -117,4 +109,4 @@ class BoundGroup(BoundEnsemble):
         value = self._call(method, 0, contact, now, *values)
         if isinstance(value, float | int) and abs(value) <= sys.float_info.max:
             return float(value)
-        raise ExecutionError(f"{self._group.name}.{method} returned {value!r}; return a finite number")
+        raise ExecutionError(f"{self.type.name}.{method} returned {value!r}; return a finite number")

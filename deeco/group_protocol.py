@@ -19,7 +19,7 @@ MAX_CONFIRMATIONS: Final = 8
 
 
 class GroupOffer(NamedTuple):
-    """GroupOffer of a coordinator to one member of a group."""
+    """Offer of a coordinator to one member of a group."""
 
     group: str
     role: str
@@ -55,10 +55,6 @@ class GroupCoordinator(Knowledge):
             if one.holds and one.confirmed and (one.group, one.coordinator) == (group, self.id)
         )
 
-    def group_members(self, group: str, role: str | None = None) -> tuple[str, ...]:
-        """Return the ids of the confirmed members, in one role or in all; () if the group does not hold."""
-        return tuple(one.member for one in self.held_offers(group) if role in (None, one.role))
-
 
 @role
 class GroupMember(Knowledge):
@@ -75,7 +71,7 @@ class MemberRole:
     role: type[GroupMember]
     least: int
     most: int
-    exclusive: bool
+    exclusive: bool = True
     """True: a component confirms at most one coordinator in all exclusive roles of the group."""
 
 

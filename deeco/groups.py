@@ -29,7 +29,6 @@ from deeco.ensemble import (
     EXCHANGES,
     EnsembleType,
     Exchange,
-    ensemble_type_of,
     exchange_of,
 )
 from deeco.errors import DefinitionError
@@ -43,28 +42,13 @@ PRIORITY: Final = "priority"
 AT_GROUP: Final = "at_group"
 
 
-@dataclass(frozen=True)
-class GroupType(EnsembleType):
-    """Definition of a group; `exchanges` has all its methods."""
-
-    members: Mapping[str, MemberRole]
-    """Member roles by name, in order of definition."""
-
-    @property
-    def roles(self) -> tuple[type[Knowledge], ...]:
-        """Roles of peers that the group uses."""
-        used = [one for one in super().roles if one is not GroupMember]
-        return (*used, *(one.role for one in self.members.values()))
+some_of: Final = MemberRole
+"""Declare a member role of `least` to `most` components: `some_of(Drone, 1, 3)`."""
 
 
 def one_of(role: type[GroupMember], *, exclusive: bool = True) -> MemberRole:
     """Declare a member role of exactly one component."""
-    return MemberRole(role, 1, 1, exclusive)
-
-
-def some_of(role: type[GroupMember], least: int, most: int, *, exclusive: bool = True) -> MemberRole:
-    """Declare a member role of `least` to `most` components."""
-    return MemberRole(role, least, most, exclusive)
+    return some_of(role, 1, 1, exclusive)
 
 
 def all_of(role: type[GroupMember], most: int = 12, *, exclusive: bool = True) -> MemberRole:
@@ -72,7 +56,7 @@ def all_of(role: type[GroupMember], most: int = 12, *, exclusive: bool = True) -
 
     `most`: limit, so that offers fit a packet. Default: with ids of 32 bytes 12 members fit 1024 bytes.
     """
-    return MemberRole(role, 0, most, exclusive)
+    return some_of(role, 0, most, exclusive)
 
 
 @dataclass_transform(frozen_default=True)
@@ -92,7 +76,7 @@ def group(
         _check_role(f"group {cls.__name__}: coordinator", coordinator, GroupCoordinator)
         made: Any = dataclass(frozen=True)(cls)
         members = _members(made)
-        kind = GroupType(
+        kind = EnsembleType(
             name=cls.__name__,
             every=every,
             offset=offset,
@@ -115,7 +99,7 @@ def group(
 def _membership(self: object, coordinator: GroupCoordinator, member: GroupMember) -> bool:
     """Return whether the group holds, and both components confirm the same offer."""
     confirmed = {one.key for one in member.group_confirmations}
-    held = coordinator.held_offers(ensemble_type_of(self).name)
+    held = coordinator.held_offers(getattr(type(self), ENSEMBLE).name)
     return any(one.member == member.id and one.key in confirmed for one in held)
 
 
@@ -129,7 +113,7 @@ def _members(cls: type) -> dict[str, MemberRole]:
         where = f"{cls.__name__}.{name}"
         _check_role(where, member.role, GroupMember)
         least, most = member.least, member.most
-        if type(least) is not int or type(most) is not int or not 0 <= least <= most or most == 0:
+        if {type(least), type(most)} != {int} or not 0 <= least <= most or most == 0:
             raise DefinitionError(
                 f"{where} has {least!r} to {most!r} members; "
                 "use integers: the first from 0, the second from 1 and not below the first"

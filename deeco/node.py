@@ -11,9 +11,9 @@ from functools import partial
 from typing import Any, Final, NamedTuple, Protocol
 
 from deeco.component import ChangeTrigger, Fact, has_fact
-from deeco.ensemble import Binding
+from deeco.ensemble import Binding, ensemble_type_of
 from deeco.errors import DeploymentError, ExecutionError
-from deeco.group_evaluation import bound_ensemble
+from deeco.group_evaluation import BoundGroup
 from deeco.history import histories, with_history
 from deeco.instant import START, Duration, Instant, Task, in_seconds
 from deeco.knowledge import Knowledge, new_tuple, role_subclasses, roles_of
@@ -179,7 +179,10 @@ class Node:
         if len(self._by_id) < len(self._locals):
             ids = ", ".join(one.id for one in self._locals)
             raise DeploymentError(f"the components of a node are {ids}; ids must be unique")
-        self._ensembles = tuple(bound_ensemble(one, binding, self._statistics) for one in ensembles)
+        self._ensembles = tuple(
+            (BoundGroup if ensemble_type_of(one).members else BoundEnsemble)(one, binding, self._statistics)
+            for one in ensembles
+        )
         self._change_ensembles = tuple(one for one in self._ensembles if one.type.on_change)
         self._network: Network = Network(
             parameters,

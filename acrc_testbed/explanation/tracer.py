@@ -25,7 +25,7 @@ from actors.robot.behaviour.ports import Behaviour, Decision, GoalOrder, View
 from actors.robot.core import RobotCore
 from actors.robot.introspector import as_json, decision, differences, goal_state, value_text
 from actors.runtime.core import Core, Inputs
-from deeco.ensemble import ensemble_type
+from deeco.ensemble import COORDINATOR, MEMBER, ensemble_type
 from deeco.explain.dataflow import analyse_flow
 from deeco.explain.knowledge_use import method_flow, methods
 from deeco.knowledge import Knowledge, field_type
@@ -188,20 +188,19 @@ def read_fields(
 
 
 def _exchange_fields(ensemble: type, name: str, kind: type[Knowledge]) -> ReadFields:
-    """Return the fields that the membership and the exchange read."""
+    """Return the fields that the membership and the exchange read, and a group's choice of members."""
     described = ensemble_type(ensemble)
     assert described is not None
-    local = name.removeprefix("at_").removesuffix("_end")
+    local = MEMBER if name.startswith((f"at_{MEMBER}", "confirm")) else COORDINATOR
     own: dict[str, None] = {}
     peer: dict[str, None] = {}
     for method in methods(described):
-        if method.name not in ("membership", name):
+        if local not in method.local or (method.name != name and method.name.startswith(("at_", "boundary"))):
             continue
         found = method_flow(ensemble, method, local, kind)
-        other = next(side for side, _ in method.sides if side != local)
         own |= dict.fromkeys(found.read(local))
-        peer |= dict.fromkeys(found.read(other))
-    function = getattr(ensemble, name)
+        peer |= dict.fromkeys(one for side, _ in method.sides if side != local for one in found.read(side))
+    function = getattr(ensemble, name, ensemble)  # a group's choice and confirmation are no methods of it
     return ReadFields(tuple(own), tuple(peer), f"{function.__module__}.{function.__qualname__}")
 
 

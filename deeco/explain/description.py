@@ -49,6 +49,13 @@ def ensemble_text(cls: type, subject: object) -> list[str]:
     kind = ensemble_type(cls)
     assert kind is not None
     lines = _heading(f"{kind.name}, an ensemble, {rhythm_of(kind)}")
+    if kind.members:
+        lines += _entry(
+            "members",
+            names(
+                f"{name}: {one.least} to {one.most} {one.role.__name__}" for name, one in kind.members.items()
+            ),
+        )
     if parameters := [_parameter(field, subject) for field in dataclasses.fields(cls)]:
         lines += _entry("parameters", names(parameters))
     for method in methods(kind):

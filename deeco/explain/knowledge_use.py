@@ -8,6 +8,7 @@ from typing import Any, Final, NamedTuple
 from deeco.component import ChangeTrigger, Fact, PeriodicTrigger, Process, has_fact, processes_of
 from deeco.ensemble import COORDINATOR, MEMBER, EnsembleType, ensemble_type
 from deeco.explain.dataflow import Flow, analyse_flow
+from deeco.groups import AT_GROUP, PRIORITY
 from deeco.instant import in_seconds
 from deeco.knowledge import Knowledge, is_component
 
@@ -37,11 +38,11 @@ class ComponentPart:
 
 
 class Method(NamedTuple):
-    """A method of an ensemble; its first two parameters are the two sides of a pair."""
+    """A method of an ensemble; its first parameters are the sides, two of a pair."""
 
     name: str
-    sides: tuple[tuple[str, type[Knowledge]], tuple[str, type[Knowledge]]]
-    """Parameter and class of both sides."""
+    sides: tuple[tuple[str, type[Knowledge]], ...]
+    """Parameter and class of both sides; of a group's members that of each."""
     ports: tuple[tuple[str, Any], ...]
     local: tuple[str, ...]
     """Sides that can be local."""
@@ -77,10 +78,12 @@ def methods(kind: EnsembleType) -> Iterator[Method]:
     local = (COORDINATOR,) if is_component(kind.coordinator) else (COORDINATOR, MEMBER)
     yield Method(_MEMBERSHIP, roles, kind.ports, (MEMBER,) if is_component(kind.member) else local)
     for name, exchange in kind.exchanges.items():
-        own, peer = exchange.own, exchange.peer
-        pair = (own, peer) if exchange.side == COORDINATOR else (peer, own)
-        sides = ((COORDINATOR, pair[0]), (MEMBER, pair[1]))
-        yield Method(name, sides, exchange.ports, (exchange.side,))
+        classes = {exchange.side: exchange.own}
+        if name == AT_GROUP:
+            classes |= {role: one.role for role, one in kind.members.items()}
+        elif name != PRIORITY:
+            classes[MEMBER if exchange.side == COORDINATOR else COORDINATOR] = exchange.peer
+        yield Method(name, tuple(sorted(classes.items())), exchange.ports, (exchange.side,))
     if kind.boundary:
         sides = (("sender", kind.boundary[0]), ("here", kind.boundary[1]))
         yield Method(_BOUNDARY, sides, (), ("here",))
@@ -99,16 +102,17 @@ def ensemble_part(ensemble: type, cls: type[Knowledge]) -> ComponentPart | None:
     """Return an ensemble as used by components of a class; None if they can be on neither side."""
     kind = ensemble_type(ensemble)
     assert kind is not None
-    own: list[tuple[Method, str, str, Flow]] = []
+    own: list[tuple[Method, str, list[str], Flow]] = []
     read_by_peers: list[tuple[str, ...]] = []
     for method in methods(kind):
         sides = dict(method.sides)
         for local in method.local:
-            peer = next(side for side in sides if side != local)
+            peers = [side for side in sides if side != local]
             if issubclass(cls, sides[local]):
-                own.append((method, local, peer, method_flow(ensemble, method, local, cls)))
-            if issubclass(cls, sides[peer]):
-                read_by_peers.append(method_flow(ensemble, method).read(peer))
+                own.append((method, local, peers, method_flow(ensemble, method, local, cls)))
+            for peer in peers:
+                if issubclass(cls, sides[peer]):
+                    read_by_peers.append(method_flow(ensemble, method).read(peer))
     watched = [_fact_flow(fact, cls) for fact in kind.on_change if own and has_fact(cls, fact)]
     if not own and not read_by_peers:
         return None
@@ -121,11 +125,17 @@ def ensemble_part(ensemble: type, cls: type[Knowledge]) -> ComponentPart | None:
         reads=_union(
             [*(found.read(local) for _, local, _, found in own), *(w.read("self") for w in watched)]
         ),
-        writes=_union(found.written(local) for _, local, _, found in own),
-        peer_reads=_union(found.read(peer) for _, _, peer, found in own),
+        writes=_union([*(found.written(local) for _, local, _, found in own), _agreed(kind, cls)]),
+        peer_reads=_union(found.read(peer) for _, _, peers, found in own for peer in peers),
         read_by_peers=_union(read_by_peers),
         unknowns=_union([*(found.unknowns for *_, found in own), *(one.unknowns for one in watched)]),
     )
+
+
+def _agreed(kind: EnsembleType, cls: type[Knowledge]) -> list[str]:
+    """Return the fields that the node writes in a group."""
+    fields = {"group_offers": kind.coordinator, "group_confirmations": kind.member}
+    return [name for name, one in fields.items() if kind.members and issubclass(cls, one)]
 
 
 def rhythm_of(kind: EnsembleType) -> str:

@@ -89,7 +89,7 @@ def test_a_coordinator_gets_the_best_members_and_they_get_it() -> None:
     net.advance(seconds(5))
     assert value(net, "f").drones == ("b", "c")
     assert [value(net, one).field for one in "abc"] == ["", "f", "f"]
-    assert value(net, "f").group_members("Protection") == ("b", "c")
+    assert [one.member for one in value(net, "f").held_offers("Protection")] == ["b", "c"]
 
 
 def test_a_free_drone_is_held_by_one_field_only_and_the_more_important_one() -> None:
