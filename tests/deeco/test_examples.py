@@ -9,11 +9,12 @@ import pytest
 
 from examples.cleaning_robots import clean
 from examples.convoy import drive
+from examples.drones import protect
 from examples.firefighters import fight
 from examples.parking import park
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
-NAMES = ("cleaning_robots", "convoy", "firefighters", "parking")
+NAMES = ("cleaning_robots", "convoy", "drones", "firefighters", "parking")
 
 
 @pytest.mark.parametrize("loss", [0.0, 0.1, 0.3])
@@ -43,6 +44,18 @@ def test_blocked_robots_exchange_their_destinations_only_by_radio() -> None:
     for before, after in pairwise(clean(1.0)):
         assert [goal for _, goal in before] == [goal for _, goal in after] == [9.0, -1.0]
         assert after[1][0] - after[0][0] > 1.0
+
+
+@pytest.mark.parametrize("loss", [0.0, 0.2, 0.4])
+def test_drones_protect_the_more_important_field_and_charge_in_turn(loss: float) -> None:
+    rows = list(protect(loss))
+    assert all(1 <= len(row["corn"]) <= 2 and len(row["wheat"]) <= 2 for row in rows)
+    assert all(not {*row["corn"]} & {*row["wheat"]} for row in rows)
+    assert all(len(row["charger"]) <= 1 for row in rows) and any(row["charger"] for row in rows)
+
+
+def test_without_radio_no_drone_has_a_field() -> None:
+    assert list(protect(1.0)) == [{"corn": [], "wheat": [], "charger": []}] * 5
 
 
 def test_a_convoy_closes_up() -> None:

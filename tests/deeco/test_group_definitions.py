@@ -48,8 +48,8 @@ class Stranger(Knowledge):
     """A role of neither."""
 
 
-def define(coordinator: Any = Leader, name: str = "Squad", **attributes: Any) -> type:
-    kind = type(name, (), attributes)
+def define(coordinator: Any = Leader, **attributes: Any) -> type:
+    kind = type("Squad", (), attributes)
     return group(coordinator=coordinator, every=seconds(1), max_age=seconds(3))(kind)
 
 

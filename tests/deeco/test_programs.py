@@ -8,6 +8,7 @@ from typing import Any
 
 import pytest
 
+from deeco.ensemble import ensemble_type
 from deeco.explain.command import main as explain
 from deeco.link import LinkParameters
 from deeco.network import NetworkParameters, RelayParameters
@@ -16,8 +17,21 @@ from deeco.node import CASCADE_LIMIT
 HERE = Path(__file__).parent / "mistakes"
 ROOT = Path(__file__).parents[2]
 PAGE = (ROOT / "docs" / "deeco.md").read_text()
-EXAMPLE, KEY, HISTORY = re.findall(r"^```python\n(.*?)^```$", PAGE, re.MULTILINE | re.DOTALL)
+EXAMPLE, KEY, GROUP, HISTORY = re.findall(r"^```python\n(.*?)^```$", PAGE, re.MULTILINE | re.DOTALL)
 MARK = "# mistake: "
+GROUP_ROLES = """
+from deeco import *
+@role
+class Field(GroupCoordinator): ...
+@component
+class Station(Field): ...
+@role
+class Drone(GroupMember): ...
+@component
+class Quadcopter(Drone): ...
+@role
+class Charger(GroupMember): ...
+"""
 
 
 def lines(name: str) -> list[str]:
@@ -33,6 +47,14 @@ def test_the_example_prints_the_documented_output_and_can_be_explained(
     assert f"\nIt prints:\n\n```text\n{capsys.readouterr().out}```\n" in PAGE
     assert explain(["page_example"]) == 0
     assert "switch, a process of the adaptation layer, on a change of is_needed\n" in capsys.readouterr().out
+
+
+def test_the_example_of_a_group_is_a_group() -> None:
+    names: dict[str, Any] = {}
+    exec(GROUP_ROLES + GROUP, names)
+    kind = ensemble_type(names["Protection"])
+    assert kind is not None and [*kind.members] == ["drones", "charger"]
+    assert {*kind.exchanges} == {"priority", "select_drones", "utility_drones", "at_group", "at_member"}
 
 
 def test_the_example_of_a_history_is_a_role() -> None:
