@@ -14,10 +14,11 @@ Processes are methods of a component that take its knowledge and return its next
 The decorators only tag: a process stays a plain method that a test can call.
 """
 
+import functools
 import inspect
 from collections.abc import Callable
 from dataclasses import dataclass, fields
-from typing import Any, Final, TypeVar, dataclass_transform, get_type_hints
+from typing import Any, Final, ParamSpec, TypeVar, dataclass_transform, get_type_hints
 
 from deeco.errors import DefinitionError
 from deeco.history import add_histories
@@ -25,11 +26,20 @@ from deeco.instant import Duration, check_duration
 from deeco.knowledge import KIND, Knowledge, immutability_fault, is_component, roles_of
 
 F = TypeVar("F", bound=Callable[..., Knowledge])
+P = ParamSpec("P")
+R = TypeVar("R")
 Fact = Callable[[Any], object]
 """A method of a role or component without further parameters; a change of its value can trigger processes."""
 _TAG: Final = "_deeco_schedule"
 _ADAPTATION: Final = "_deeco_adaptation"
 _NONE: Final = Duration(0)
+_NOT_BINDABLE: Final = (
+    inspect.CO_VARARGS
+    | inspect.CO_VARKEYWORDS
+    | inspect.CO_COROUTINE
+    | inspect.CO_GENERATOR
+    | inspect.CO_ASYNC_GENERATOR
+)
 
 
 @dataclass(frozen=True)
@@ -68,6 +78,22 @@ class Process:
         return f"{self.owner}.{self.name}"
 
 
+def checked_arguments(decorator: Callable[P, R]) -> Callable[P, R]:
+    """Make a decorator raise DefinitionError where Python raises TypeError, as for a missing argument."""
+
+    @functools.wraps(decorator)
+    def checked(*args: P.args, **kwargs: P.kwargs) -> R:
+        try:
+            return decorator(*args, **kwargs)
+        except TypeError as error:
+            usage = "(every=seconds(1))" if decorator.__kwdefaults__ else ", once and without parentheses"
+            name = decorator.__name__
+            raise DefinitionError(f"@{name}: {error}; write @{name}{usage}") from error
+
+    return checked
+
+
+@checked_arguments
 def periodic(*, every: Duration, offset: Duration = _NONE, order: int = 0) -> Callable[[F], F]:
     """Run the method every `every`, without drift, starting `offset` after the node.
 
@@ -85,6 +111,7 @@ def on_change(*facts: Fact) -> Callable[[F], F]:
     return _tag(ChangeTrigger(facts))
 
 
+@checked_arguments
 def adaptation(process: F) -> F:
     """Assign a process to the adaptation layer; affects diagrams and explanations only."""
     setattr(process, _ADAPTATION, True)
@@ -93,9 +120,14 @@ def adaptation(process: F) -> F:
 
 def _tag(schedule: Schedule) -> Callable[[F], F]:
     def decorate(function: F) -> F:
+        if not inspect.isfunction(function) or tag_of(function):
+            raise DefinitionError(
+                f"{function!r}: write one of @periodic and @on_change, directly above a method"
+            )
         setattr(function, _TAG, schedule)
         return function
 
+    setattr(decorate, _TAG, schedule)  # so that `@on_change` without a fact is found in the class
     return decorate
 
 
@@ -113,17 +145,13 @@ def processes_of(cls: type) -> tuple[Process, ...]:
     schedules: dict[str, Schedule] = {}
     for base in reversed(cls.__mro__):
         for name, value in vars(base).items():
-            if schedule := tag_of(value):
+            if schedule := tag_of(getattr(value, "fget", getattr(value, "__func__", value))):
                 schedules[name] = schedule
     return tuple(_process(cls, name, schedule) for name, schedule in schedules.items())
 
 
 def _process(cls: type, name: str, schedule: Schedule) -> Process:
     function = getattr(cls, name)
-    if not callable(function):
-        raise DefinitionError(
-            f"{cls.__name__}.{name} is {function!r} and overrides a process; define a method"
-        )
     for fact in schedule.facts if isinstance(schedule, ChangeTrigger) else ():
         if not has_fact(cls, fact):
             of = getattr(fact, "__qualname__", repr(fact))
@@ -132,7 +160,7 @@ def _process(cls: type, name: str, schedule: Schedule) -> Process:
                 f"which is not a method of {cls.__name__} or its roles"
             )
     layer = any(getattr(vars(base).get(name), _ADAPTATION, False) for base in cls.__mro__)
-    needed = ports(cls, function, f"{cls.__name__}.{name}", skip=1)
+    needed = ports(cls, function, f"{cls.__name__}.{name}")
     return Process(cls.__name__, name, schedule, needed, layer)
 
 
@@ -142,18 +170,28 @@ def has_fact(cls: type, fact: Fact) -> bool:
     return any(vars(base).get(name) is fact for base in cls.__mro__)
 
 
-def ports(owner: type, function: Callable[..., Any], name: str, skip: int) -> tuple[tuple[str, Any], ...]:
-    """Return name and type of each parameter of a function after the first `skip`; `name` is for errors.
+def ports(owner: type, function: Callable[..., Any], name: str) -> tuple[tuple[str, Any], ...]:
+    """Return name and type of each parameter of a method after `self`; `name` is for errors.
 
     `owner` is the class being defined: its module has no such name yet, but annotations may use it.
     """
+    code = getattr(inspect.unwrap(function), "__code__", None)
+    if (
+        code is None
+        or code.co_flags & _NOT_BINDABLE
+        or code.co_kwonlyargcount
+        or code.co_varnames[:1] != ("self",)
+    ):
+        raise DefinitionError(
+            f"{name} must be a method with self, without async, yield, *, @property and @classmethod"
+        )
     try:
         hints = get_type_hints(function, localns={owner.__name__: owner})
     except NameError as error:
         raise DefinitionError(
             f"{name}: {error}; import the type at run time, not only under TYPE_CHECKING"
         ) from None
-    parameters = list(inspect.signature(function).parameters)[skip:]
+    _, *parameters = inspect.signature(function).parameters
     for parameter in parameters:
         if parameter not in hints:
             raise DefinitionError(f"{name}: annotate its parameter {parameter!r}; it is bound by type")
@@ -163,6 +201,7 @@ def ports(owner: type, function: Callable[..., Any], name: str, skip: int) -> tu
 K = TypeVar("K", bound=Knowledge)
 
 
+@checked_arguments
 @dataclass_transform(frozen_default=True, kw_only_default=True)
 def role(cls: type[K]) -> type[K]:
     """Make a subclass of Knowledge a role: peers see all its fields.
@@ -180,6 +219,7 @@ def role(cls: type[K]) -> type[K]:
     return made
 
 
+@checked_arguments
 @dataclass_transform(frozen_default=True, kw_only_default=True)
 def component(cls: type[K]) -> type[K]:
     """Make a subclass of Knowledge a component: fields that its roles do not have stay local.

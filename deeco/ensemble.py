@@ -23,7 +23,7 @@ from dataclasses import dataclass, field
 from enum import Enum
 from typing import Any, Final, NamedTuple, Protocol, TypeVar, dataclass_transform
 
-from deeco.component import Fact, has_fact, ports
+from deeco.component import Fact, checked_arguments, has_fact, ports
 from deeco.errors import DefinitionError, DeploymentError
 from deeco.group_protocol import GroupMember, MemberRole
 from deeco.instant import Duration, Instant, check_duration
@@ -112,6 +112,7 @@ class EnsembleType:
         return tuple(dict.fromkeys(one for one in named if is_role(one) and one is not GroupMember))
 
 
+@checked_arguments
 @dataclass_transform(frozen_default=True)
 def ensemble(
     *,
@@ -152,7 +153,7 @@ def ensemble(
                     f"ensemble {cls.__name__} runs on a change of {getattr(fact, '__qualname__', fact)}, "
                     f"which is not a method of {coordinator.__name__} or {member.__name__}"
                 )
-        exchanges = _exchanges(cls)
+        exchanges = _exchanges(cls, {COORDINATOR: coordinator, MEMBER: member})
         end = next((one for one in exchanges if one.endswith("_end")), None)
         if end and every is None:
             raise DefinitionError(
@@ -177,7 +178,7 @@ def ensemble(
 
 def ensemble_type(cls: type) -> EnsembleType | None:
     """Return the definition of an ensemble class; None for any other class."""
-    found: EnsembleType | None = getattr(cls, ENSEMBLE, None)
+    found: EnsembleType | None = vars(cls).get(ENSEMBLE)
     return found
 
 
@@ -191,10 +192,18 @@ def ensemble_type_of(instance: object) -> EnsembleType:
     return found
 
 
-def _exchanges(cls: type) -> dict[str, Exchange]:
+def _exchanges(cls: type, sides: Mapping[str, type[Knowledge]]) -> dict[str, Exchange]:
     if wrong := next((name for name in vars(cls) if name[:3] == "at_" and name not in EXCHANGES), None):
         raise DefinitionError(f"{cls.__name__}.{wrong} is never called; use {', '.join(EXCHANGES)}")
-    return {name: exchange_of(cls, name, side) for name, side in EXCHANGES.items() if hasattr(cls, name)}
+    found = {name: exchange_of(cls, name, side) for name, side in EXCHANGES.items() if hasattr(cls, name)}
+    for name, one in found.items():
+        expected = sides[one.side]
+        if not (is_component(one.own) and (issubclass(one.own, expected) or issubclass(expected, one.own))):
+            raise DefinitionError(
+                f"{cls.__name__}.{name}: its {one.side}, which it returns, is {one.own.__name__}; "
+                f"use a component that is a {expected.__name__}, as in membership"
+            )
+    return found
 
 
 def exchange_of(cls: type, name: str, side: str) -> Exchange:
@@ -216,7 +225,7 @@ def _sides(
     if function is None:
         raise DefinitionError(f"ensemble {cls.__name__} has no {name}(self, {first}, {second})")
     where = f"{cls.__name__}.{name}"
-    parameters = ports(cls, function, where, skip=1)
+    parameters = ports(cls, function, where)
     if tuple(parameter for parameter, _ in parameters[:2]) != (first, second):
         raise DefinitionError(f"{where}: its first parameters must be self, {first} and {second}")
     for parameter, kind in parameters[:2]:

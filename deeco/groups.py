@@ -22,7 +22,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any, Final, TypeVar, dataclass_transform
 
-from deeco.component import ports
+from deeco.component import checked_arguments, ports
 from deeco.ensemble import (
     COORDINATOR,
     ENSEMBLE,
@@ -59,6 +59,7 @@ def all_of(role: type[GroupMember], most: int = 12, *, exclusive: bool = True) -
     return some_of(role, 0, most, exclusive)
 
 
+@checked_arguments
 @dataclass_transform(frozen_default=True)
 def group(
     *, coordinator: type[GroupCoordinator], every: Duration, max_age: Duration, offset: Duration = _NONE
@@ -149,7 +150,7 @@ def _exchanges(cls: type, members: Mapping[str, MemberRole]) -> dict[str, Exchan
 def _exchange(cls: type, name: str, first: tuple[str, ...]) -> Exchange:
     """Return a method of the coordinator, and of the members of all roles if it is `at_group`."""
     where = f"{cls.__name__}.{name}"
-    found = ports(cls, getattr(cls, name), where, skip=1)
+    found = ports(cls, getattr(cls, name), where)
     if tuple(parameter for parameter, _ in found[: len(first)]) != first:
         raise DefinitionError(f"{where}: its first parameters must be self, {', '.join(first)}")
     return Exchange(COORDINATOR, found[0][1], Knowledge, found[len(first) :])

@@ -1,5 +1,7 @@
 """Instants and durations as integers in microseconds, so that sums are exact on every machine."""
 
+import re
+import traceback
 from collections.abc import Callable
 from typing import Final, NewType
 
@@ -32,10 +34,15 @@ MIN_DURATION: Final = milliseconds(1)
 def check_duration(name: str, value: object, *, zero: bool = False) -> None:
     """Raise DefinitionError unless `value` is a duration of at least 1 ms, or 0 if `zero`.
 
-    `name` is used in errors, such as "@periodic: every".
+    `name` is used in errors, such as "@periodic: every". A duration is an int at run time, since encoders
+    such as msgspec refuse subclasses of int. Therefore the source line of the call shows whether the program
+    gives a number without a unit.
     """
     if not isinstance(value, int) or isinstance(value, bool):
         raise DefinitionError(f"{name}={value!r} is not a duration; use one, such as seconds(1)")
+    call = "".join(frame.line or "" for frame in traceback.extract_stack(limit=4))
+    if value and re.sub("[ _]", "", f"{name.rpartition(' ')[2]}={value}") in re.sub("[ _]", "", call):
+        raise DefinitionError(f"{name}={value} has no unit; use seconds(...) or milliseconds(...)")
     if value < MIN_DURATION and not (zero and value == 0):
         raise DefinitionError(
             f"{name}={value} is {value} µs; use {'0 or ' if zero else ''}at least {MIN_DURATION} µs. "

@@ -20,6 +20,8 @@ from typing import (
     get_type_hints,
 )
 
+from deeco.errors import ExecutionError
+
 T = TypeVar("T")
 new_tuple: Final = tuple.__new__
 """Create a named tuple from its class and values, without the overhead of its Python-level constructor."""
@@ -50,7 +52,12 @@ def _replace(value: T, /, **changes: Any) -> T:
     cls: Any = type(value)
     names = _names(cls)
     if not names or len(value.__dict__) != len(names) or not changes.keys() <= names:
-        return dataclasses.replace(value, **changes)  # type: ignore[type-var]  # extra attributes or error
+        known = sorted(field.name for field in dataclasses.fields(cls))
+        if unknown := sorted(changes.keys() - known):
+            raise ExecutionError(
+                f"replace: {cls.__name__} has no field {unknown[0]!r}; use one of {', '.join(known)}"
+            )
+        return dataclasses.replace(value, **changes)  # type: ignore[type-var]  # extra attributes
     made: T = object.__new__(cls)
     made.__dict__.update(value.__dict__, **changes)
     return made

@@ -268,7 +268,12 @@ class BoundEnsemble:
         except Exception as error:
             self._add_note(error, side.local_is_coordinator, local, peer, now)
             raise
-        if not holds:
+        if holds is not True:
+            if holds is not False:
+                raise ExecutionError(
+                    f"{self.type.name}.membership of {coordinator.id!r} and {member.id!r} at "
+                    f"{in_seconds(now):g} s returned {holds!r}; return True or False, such as bool(...)"
+                )
             return side.end is not None and self._end(side, local, peer, now, EndReason.CONDITION)
         if side.end is not None:
             side.members[local.id, peer.id] = (local, peer)

@@ -53,7 +53,7 @@ def test_an_unknown_participant_a_wrong_step_and_a_condition_that_never_holds() 
     with refused("the network has no participant 'c'; use one of a, b", ExecutionError):
         network["c"]
     with refused(
-        "VirtualNetwork: step=1 is 1 µs; use at least 1000 µs. seconds(1) is one second", DefinitionError
+        "VirtualNetwork: step=1 has no unit; use seconds(...) or milliseconds(...)", DefinitionError
     ):
         VirtualNetwork(lights("a"), step=1)  # type: ignore[arg-type]
     with pytest.raises(AssertionError, match=r"does not hold within 0\.5 s"):
