@@ -64,19 +64,19 @@ class Robot(Worker):
 class LoggedExchanges:
     """Exchanges that change nothing but the log."""
 
-    def at_member(self, coordinator: Task, member: Worker, log: Log) -> Worker:
+    def at_member(self, coordinator: Task, member: Robot, log: Log) -> Robot:
         log.begun.append((type(self).__name__, "member", coordinator.id))
         return member
 
-    def at_coordinator(self, coordinator: Task, member: Worker, log: Log) -> Task:
+    def at_coordinator(self, coordinator: Leader, member: Worker, log: Log) -> Leader:
         log.begun.append((type(self).__name__, "coordinator", member.id))
         return coordinator
 
-    def at_member_end(self, coordinator: Task, member: Worker, log: Log, reason: EndReason) -> Worker:
+    def at_member_end(self, coordinator: Task, member: Robot, log: Log, reason: EndReason) -> Robot:
         log.ended.append((type(self).__name__, "member", coordinator.id, reason))
         return member
 
-    def at_coordinator_end(self, coordinator: Task, member: Worker, log: Log, reason: EndReason) -> Task:
+    def at_coordinator_end(self, coordinator: Leader, member: Worker, log: Log, reason: EndReason) -> Leader:
         log.ended.append((type(self).__name__, "coordinator", member.id, reason))
         return coordinator
 

@@ -120,7 +120,7 @@ def test_the_wheel_has_the_package_and_its_only_dependency_is_msgpack(wheel: Pat
 def test_the_source_distribution_has_pages_examples_and_tests(source: Path) -> None:
     held = {path.relative_to(source).as_posix() for path in source.rglob("*") if path.is_file()}
     examples = {name for name in held if name.startswith("examples/")}
-    names = ("__init__", "cleaning_robots", "convoy", "firefighters", "parking")
+    names = ("__init__", "cleaning_robots", "convoy", "drones", "firefighters", "parking")
     assert examples == {f"examples/{name}.py" for name in names}
     assert {name.as_posix() for name in committed("deeco", "tests/deeco")} <= held
     assert {"README.md", "CHANGELOG.md", "LICENSE", "docs/deeco.md", "pyproject.toml"} <= held
