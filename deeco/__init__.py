@@ -9,6 +9,7 @@ from deeco.groups import all_of, group, one_of, some_of
 from deeco.history import History, Past
 from deeco.instant import START, Duration, Instant, in_seconds, milliseconds, seconds
 from deeco.knowledge import Knowledge, replace
+from deeco.modes import ModeChart, Transition
 
 __version__ = "0.1.0"
 
@@ -26,8 +27,10 @@ __all__ = [
     "History",
     "Instant",
     "Knowledge",
+    "ModeChart",
     "Past",
     "Resolution",
+    "Transition",
     "adaptation",
     "all_of",
     "component",

@@ -22,17 +22,15 @@ from typing import Any, Final, ParamSpec, TypeVar, dataclass_transform, get_type
 
 from deeco.errors import DefinitionError
 from deeco.history import add_histories
-from deeco.instant import Duration, check_duration
-from deeco.knowledge import KIND, Knowledge, immutability_fault, is_component, roles_of
+from deeco.instant import ZERO, Duration, check_duration
+from deeco.knowledge import KIND, Fact, Knowledge, check_fact, immutability_fault, is_component, roles_of
+from deeco.modes import Modes, check_modes
 
 F = TypeVar("F", bound=Callable[..., Knowledge])
 P = ParamSpec("P")
 R = TypeVar("R")
-Fact = Callable[[Any], object]
-"""A method of a role or component without further parameters; a change of its value can trigger processes."""
 _TAG: Final = "_deeco_schedule"
 _ADAPTATION: Final = "_deeco_adaptation"
-_NONE: Final = Duration(0)
 _NOT_BINDABLE: Final = (
     inspect.CO_VARARGS
     | inspect.CO_VARKEYWORDS
@@ -47,8 +45,10 @@ class PeriodicTrigger:
     """Schedule at `offset` + multiples of `every`; at equal instants the lower `order` runs first."""
 
     every: Duration
-    offset: Duration = _NONE
+    offset: Duration = ZERO
     order: int = 0
+    modes: Modes = ()
+    """Modes in which the process is active; empty: all."""
 
 
 @dataclass(frozen=True)
@@ -56,6 +56,7 @@ class ChangeTrigger:
     """Schedule after each commit that changes the value of one of the facts."""
 
     facts: tuple[Fact, ...]
+    modes: Modes = ()
 
 
 Schedule = PeriodicTrigger | ChangeTrigger
@@ -94,21 +95,26 @@ def checked_arguments(decorator: Callable[P, R]) -> Callable[P, R]:
 
 
 @checked_arguments
-def periodic(*, every: Duration, offset: Duration = _NONE, order: int = 0) -> Callable[[F], F]:
-    """Run the method every `every`, without drift, starting `offset` after the node.
+def periodic(
+    *, every: Duration, offset: Duration = ZERO, order: int = 0, modes: Modes = ()
+) -> Callable[[F], F]:
+    """Run the method every `every`, without drift, starting `offset` after the node; only in `modes`, if any.
 
     Raises DefinitionError unless both are durations of at least 1 ms (`offset` also 0).
     """
     check_duration("@periodic: every", every)
     check_duration("@periodic: offset", offset, zero=True)
-    return _tag(PeriodicTrigger(every, offset, order))
+    return _tag(PeriodicTrigger(every, offset, order, modes))
 
 
-def on_change(*facts: Fact) -> Callable[[F], F]:
-    """Run the method immediately after a commit that changes a fact, such as `Cleaner.is_blocked`."""
+def on_change(*facts: Fact, modes: Modes = ()) -> Callable[[F], F]:
+    """Run the method immediately after a commit that changes a fact, such as `Cleaner.is_blocked`.
+
+    With `modes`, only in these modes; a change in another mode is not made up for.
+    """
     if not facts:
         raise DefinitionError("@on_change() has no fact; name one, such as Cleaner.is_blocked")
-    return _tag(ChangeTrigger(facts))
+    return _tag(ChangeTrigger(facts, modes))
 
 
 @checked_arguments
@@ -153,21 +159,10 @@ def processes_of(cls: type) -> tuple[Process, ...]:
 def _process(cls: type, name: str, schedule: Schedule) -> Process:
     function = getattr(cls, name)
     for fact in schedule.facts if isinstance(schedule, ChangeTrigger) else ():
-        if not has_fact(cls, fact):
-            of = getattr(fact, "__qualname__", repr(fact))
-            raise DefinitionError(
-                f"{cls.__name__}.{name} runs on a change of {of}, "
-                f"which is not a method of {cls.__name__} or its roles"
-            )
+        check_fact(cls, fact, f"{cls.__name__}.{name} runs on a change of")
     layer = any(getattr(vars(base).get(name), _ADAPTATION, False) for base in cls.__mro__)
     needed = ports(cls, function, f"{cls.__name__}.{name}")
     return Process(cls.__name__, name, schedule, needed, layer)
-
-
-def has_fact(cls: type, fact: Fact) -> bool:
-    """Return whether a fact is a method of the class or of a base, overridden or not."""
-    name = getattr(fact, "__name__", "")
-    return any(vars(base).get(name) is fact for base in cls.__mro__)
 
 
 def ports(owner: type, function: Callable[..., Any], name: str) -> tuple[tuple[str, Any], ...]:
@@ -224,12 +219,12 @@ def role(cls: type[K]) -> type[K]:
 def component(cls: type[K]) -> type[K]:
     """Make a subclass of Knowledge a component: fields that its roles do not have stay local.
 
-    Raises DefinitionError if a field's type is mutable or if a process is invalid.
+    Raises DefinitionError if a field's type is mutable, or if a process or the mode chart is invalid.
     """
     made = _define(cls, "component")
     if not roles_of(made):
         raise DefinitionError(f"component {made.__name__} plays no role; derive it from a class with @role")
-    processes_of(made)
+    check_modes(made, {one.name: one.schedule.modes for one in processes_of(made)})
     return made
 
 

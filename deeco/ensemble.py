@@ -23,11 +23,11 @@ from dataclasses import dataclass, field
 from enum import Enum
 from typing import Any, Final, NamedTuple, Protocol, TypeVar, dataclass_transform
 
-from deeco.component import Fact, checked_arguments, has_fact, ports
+from deeco.component import checked_arguments, ports
 from deeco.errors import DefinitionError, DeploymentError
 from deeco.group_protocol import GroupMember, MemberRole
-from deeco.instant import Duration, Instant, check_duration
-from deeco.knowledge import Knowledge, describe, is_component, is_role
+from deeco.instant import ZERO, Duration, Instant, check_duration
+from deeco.knowledge import Fact, Knowledge, describe, has_fact, is_component, is_role
 
 
 class Membership(Protocol):
@@ -41,7 +41,6 @@ class Membership(Protocol):
 T = TypeVar("T", bound=Membership)
 ENSEMBLE: Final = "_deeco_ensemble"
 """Attribute by which the decorators mark classes."""
-_NONE: Final = Duration(0)
 COORDINATOR: Final = "coordinator"
 MEMBER: Final = "member"
 EXCHANGES: Final = {f"at_{side}{end}": side for end in ("", "_end") for side in (COORDINATOR, MEMBER)}
@@ -117,7 +116,7 @@ class EnsembleType:
 def ensemble(
     *,
     every: Duration | None = None,
-    offset: Duration = _NONE,
+    offset: Duration = ZERO,
     on_change: Fact | tuple[Fact, ...] = (),
     max_age: Duration | None = None,
 ) -> Callable[[type[T]], type[T]]:

@@ -33,11 +33,10 @@ from deeco.ensemble import (
 )
 from deeco.errors import DefinitionError
 from deeco.group_protocol import GroupCoordinator, GroupMember, MemberRole
-from deeco.instant import Duration, check_duration
+from deeco.instant import ZERO, Duration, check_duration
 from deeco.knowledge import Knowledge, describe, is_role
 
 T = TypeVar("T")
-_NONE: Final = Duration(0)
 PRIORITY: Final = "priority"
 AT_GROUP: Final = "at_group"
 
@@ -62,7 +61,7 @@ def all_of(role: type[GroupMember], most: int = 12, *, exclusive: bool = True) -
 @checked_arguments
 @dataclass_transform(frozen_default=True)
 def group(
-    *, coordinator: type[GroupCoordinator], every: Duration, max_age: Duration, offset: Duration = _NONE
+    *, coordinator: type[GroupCoordinator], every: Duration, max_age: Duration, offset: Duration = ZERO
 ) -> Callable[[type[T]], type[T]]:
     """Make a class a group and a frozen dataclass; evaluate it periodically, with replicas of at most
     `max_age`.

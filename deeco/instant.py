@@ -15,6 +15,7 @@ Task = Callable[[Instant], None]
 """A scheduled action, called with its scheduled instant."""
 
 START: Final = Instant(0)
+ZERO: Final = Duration(0)
 
 
 def seconds(value: float) -> Duration:

@@ -1,8 +1,10 @@
 """Knowledge as immutable values: roles are visible to peers, components add local fields."""
 
 import dataclasses
+import inspect
 import types
 import typing
+from collections.abc import Callable
 from dataclasses import dataclass, fields, is_dataclass
 from enum import Enum
 from functools import cache
@@ -20,9 +22,11 @@ from typing import (
     get_type_hints,
 )
 
-from deeco.errors import ExecutionError
+from deeco.errors import DefinitionError, ExecutionError
 
 T = TypeVar("T")
+Fact = Callable[[Any], object]
+"""A method of a role or component without further parameters; a change of its value can trigger processes."""
 new_tuple: Final = tuple.__new__
 """Create a named tuple from its class and values, without the overhead of its Python-level constructor."""
 
@@ -203,6 +207,20 @@ def local_fields(cls: type[Knowledge]) -> tuple[str, ...]:
     """Return the names of the fields that a component adds to its roles."""
     shared = {name for one in roles_of(cls) for name in role_fields(one)}
     return tuple(field.name for field in fields(cls) if field.name not in shared)
+
+
+def has_fact(cls: type, fact: Fact) -> bool:
+    """Return whether a fact is a method of the class or of a base, overridden or not."""
+    name = getattr(fact, "__name__", "")
+    return any(vars(base).get(name) is fact for base in cls.__mro__)
+
+
+def check_fact(cls: type, fact: Fact, use: str) -> None:
+    """Raise DefinitionError, which begins with `use`, if the class has no such fact."""
+    known = has_fact(cls, fact)
+    if not known or len(inspect.signature(fact).parameters) > 1:
+        fault = "has parameters" if known else f"is not a method of {cls.__name__} or its roles"
+        raise DefinitionError(f"{use} {getattr(fact, '__qualname__', repr(fact))}, which {fault}")
 
 
 def field_type(cls: type[Knowledge], field: str) -> Any:

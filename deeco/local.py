@@ -1,9 +1,9 @@
 """Components of a node with their knowledge, processes and watched facts; evaluation of ensembles."""
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from typing import Any, NamedTuple, Protocol
+from typing import Any, Final, NamedTuple, Protocol
 
-from deeco.component import Fact, Process, processes_of
+from deeco.component import Process, processes_of
 from deeco.ensemble import (
     COORDINATOR,
     MEMBER,
@@ -17,21 +17,24 @@ from deeco.ensemble import (
 )
 from deeco.errors import DeploymentError, ExecutionError
 from deeco.instant import Instant, in_seconds
-from deeco.knowledge import Knowledge, is_component, is_role, new_tuple, role_view
+from deeco.knowledge import Fact, Knowledge, has_fact, is_component, is_role, new_tuple, replace, role_view
+from deeco.modes import MODE, Transition, chart_of
 from deeco.statistics import Statistics
+
+NEVER: Final = Instant(1 << 62)
 
 
 class Commit(NamedTuple):
     """One change of a component's knowledge."""
 
     by: str
-    """Process or exchange, such as `Cleaner.sense`, `Adoption.at_member` or `Adoption.at_member_end`; or a
-    publication, `Cleaner.history`."""
+    """Process or exchange, such as `Cleaner.sense`, `Adoption.at_member` or `Adoption.at_member_end`; a
+    publication, `Cleaner.history`; or a transition, by its guard `Cleaner.is_low` or `Cleaner.transition`."""
     instant: Instant
     before: Knowledge
     after: Knowledge
     adaptation: bool
-    """True for an ensemble and for a process of the adaptation layer."""
+    """True for an ensemble, a transition and a process of the adaptation layer."""
     peer: str = ""
     """Component whose knowledge an ensemble used; empty for a process."""
     heard: Instant | None = None
@@ -53,8 +56,11 @@ class BoundProcess:
         self._bound = binding.process(function, process.ports, self.name)
 
     def run(self, now: Instant) -> bool:
-        """Run the process and commit its result; return whether the knowledge changed."""
+        """Run the process if it is active and commit its result; return whether the knowledge changed."""
         component, bound = self._component, self._bound
+        modes = self.schedule.modes
+        if modes and getattr(component.value, MODE) not in modes:
+            return False
         for place in bound.now:
             bound.arguments[place] = now
         try:
@@ -84,26 +90,50 @@ class LocalComponent:
         self.value = value
         self.processes = tuple(BoundProcess(process, self, binding) for process in processes_of(kind))
         self._listeners = listeners
-        self.watched: list[tuple[str, Callable[[], str]]] = []
-        """Watched facts by name, each with its callback."""
+        self.chart = chart_of(kind)
+        self._mode = getattr(value, MODE, None)
+        self._deadlines: dict[Transition, Instant] = {}
+        """When the enabled transitions fire, in order of priority."""
+        self.watched: list[tuple[Fact, Callable[[], str]]] = []
+        """Watched facts, each with its callback."""
         self._facts: list[object] = []
         self._role_views: dict[type[Knowledge], tuple[Knowledge, Knowledge]] = {}
 
     def watch(self, facts: Sequence[Fact], callback: Callable[[], str]) -> None:
-        """Register `callback` for `changes` if the value of one of the facts changes."""
+        """Register `callback` for `changes` if the value of one of the facts changes.
+
+        A fact may be any function of the knowledge; for a method, its override counts.
+        """
         for fact in facts:
-            self.watched.append((fact.__name__, callback))
-            self._facts.append(getattr(self.value, fact.__name__)())
+            kind = type(self.value)
+            function = getattr(kind, fact.__name__) if has_fact(kind, fact) else fact
+            self.watched.append((function, callback))
+            self._facts.append(function(self.value))
 
     def changes(self) -> list[Callable[[], str]]:
         """Return the callbacks of facts that changed since the last call, each once, in order."""
         callbacks: dict[Callable[[], str], None] = {}
-        for index, (name, callback) in enumerate(self.watched):
-            fact = getattr(self.value, name)()
+        for index, (function, callback) in enumerate(self.watched):
+            fact = function(self.value)
             if fact != self._facts[index]:
                 self._facts[index] = fact
                 callbacks[callback] = None
         return list(callbacks)
+
+    def change_mode(self, now: Instant) -> Instant:
+        """Change the mode if a transition is due; otherwise return when the next one will be."""
+        value = self.value
+        self._deadlines = {
+            one: self._deadlines.get(one) or one.deadline(value, now) for one in self.chart.enabled(value)
+        }
+        for one, deadline in self._deadlines.items():
+            if deadline <= now:
+                self._mode = one.target
+                by = f"{type(value).__name__}.{one.when.__name__ if one.when else 'transition'}"
+                result = replace(value, **{MODE: one.target})  # type: ignore[arg-type]  # not the id
+                self.commit(result, by, now, adaptation=True)
+                return NEVER
+        return min(self._deadlines.values(), default=NEVER)
 
     def commit(
         self,
@@ -127,6 +157,10 @@ class LocalComponent:
         if result.id != self.id:
             raise ExecutionError(
                 f"{by} of {self.id!r} at {in_seconds(now):g} s changed the id to {result.id!r}; keep the id"
+            )
+        if self.chart.transitions and getattr(result, MODE) is not self._mode:
+            raise ExecutionError(
+                f"{by} of {self.id!r} at {in_seconds(now):g} s changed the mode; only transitions may do so"
             )
         self.value = result
         if self._listeners:

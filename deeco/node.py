@@ -10,15 +10,15 @@ from contextvars import ContextVar
 from functools import partial
 from typing import Any, Final, NamedTuple, Protocol
 
-from deeco.component import ChangeTrigger, Fact, has_fact
+from deeco.component import ChangeTrigger
 from deeco.ensemble import Binding, ensemble_type_of
 from deeco.errors import DeploymentError, ExecutionError
 from deeco.group_evaluation import BoundGroup
 from deeco.history import histories, with_history
-from deeco.instant import START, Duration, Instant, Task, in_seconds
-from deeco.knowledge import Knowledge, new_tuple, role_subclasses, roles_of
+from deeco.instant import START, ZERO, Duration, Instant, Task, in_seconds
+from deeco.knowledge import Fact, Knowledge, has_fact, new_tuple, role_subclasses, roles_of
 from deeco.link import Reception, Transmission
-from deeco.local import BoundEnsemble, BoundProcess, Commit, CommitListener, LocalComponent
+from deeco.local import NEVER, BoundEnsemble, BoundProcess, Commit, CommitListener, LocalComponent
 from deeco.network import Network, NetworkParameters, Replica, Replicas
 from deeco.schema import RoleRegistry
 from deeco.statistics import Statistics
@@ -132,10 +132,11 @@ class observing_nodes:  # noqa: N801  # a context manager, named like a function
 
 CASCADE_LIMIT: Final = 16
 """Maximum rounds of processes that trigger one another at one instant; more are reported as a cycle."""
-_NONE: Final = Duration(0)
 _ENSEMBLES: Final = 1 << 20
 """Order of ensembles within an instant: after processes, in order of deployment."""
 _PUBLICATION: Final = 1 << 40
+_MODES: Final = -_PUBLICATION
+"""Transitions due at an instant fire before its processes."""
 
 
 class Node:
@@ -151,7 +152,7 @@ class Node:
         address: int = 0,
         epoch: int = 0,
         start: Instant = START,
-        publish_phase: Duration = _NONE,
+        publish_phase: Duration = ZERO,
         on_commit: CommitListener | None = None,
         previous: "Node | None" = None,
     ) -> None:
@@ -197,6 +198,11 @@ class Node:
         )
         self._plan_components(start)
         self._plan_ensembles(start)
+        self._with_modes = [one for one in self._locals if one.chart.transitions]
+        self._timers = [NEVER]
+        for component in self._with_modes:
+            component.watch([component.chart.enabled], self._change_modes)
+            self._tasks.once(self._evaluate_modes, start, _MODES)
         first = Instant(start + publish_phase)
         self._tasks.repeat(self._publish, first, parameters.publish_every, _PUBLICATION)
         if self._observer is not None:
@@ -243,6 +249,8 @@ class Node:
     def skip(self, to: Instant) -> None:
         """Skip everything scheduled before `to`, as after a pause; schedules keep their phase."""
         self._counters.skipped += self._tasks.skip(to)
+        if self._with_modes:
+            self._tasks.once(self._evaluate_modes, to, _MODES)
         self._network.clear()
         self._now = to
 
@@ -266,6 +274,20 @@ class Node:
             for component in self._locals:
                 facts = [fact for fact in kind.on_change if has_fact(type(component.value), fact)]
                 component.watch(facts, callback)
+
+    def _evaluate_modes(self, now: Instant) -> None:
+        self._now = now
+        self._change_modes()
+        self._run_triggered()
+
+    def _change_modes(self) -> str:
+        """Fire due transitions, and plan the next evaluation unless an earlier one is planned."""
+        at = min([one.change_mode(self._now) for one in self._with_modes])
+        self._timers = [one for one in self._timers if one > self._now]
+        if at < min(self._timers):
+            self._timers.append(at)
+            self._tasks.once(self._evaluate_modes, at, _MODES)
+        return "mode transitions"
 
     def _activate(self, component: LocalComponent, process: BoundProcess, now: Instant) -> None:
         self._now = now

@@ -12,10 +12,9 @@ from random import Random  # noqa: TID251  # Random.random() is equal on all mac
 from typing import Final, Generic, Protocol, TypeVar
 
 from deeco.errors import ExecutionError
-from deeco.instant import START, Duration, Instant, check_duration, in_seconds, milliseconds
+from deeco.instant import START, ZERO, Duration, Instant, check_duration, in_seconds, milliseconds
 from deeco.link import Reception
 
-_NONE: Final = Duration(0)
 _STEP: Final = milliseconds(100)
 
 
@@ -52,7 +51,7 @@ class LossyMedium:
 
     loss: float = 0.0
     """Probability that a participant within reach does not receive a frame."""
-    delay: tuple[Duration, Duration] = (_NONE, _NONE)
+    delay: tuple[Duration, Duration] = (ZERO, ZERO)
     """Least and greatest time from transmission to reception, µs."""
     reach: Reach = lambda sender, receiver: -60.0
     """Default: -60 dBm everywhere. A test may replace it at any time."""

@@ -12,7 +12,7 @@ from typing import Final
 from deeco.ensemble import ensemble_type
 from deeco.errors import DeecoError
 from deeco.explain.description import component_text, ensemble_text, field_table, mermaid_chart, names
-from deeco.explain.knowledge_use import ComponentPart, ensemble_part, processes
+from deeco.explain.knowledge_use import ComponentPart, ensemble_part, mode_part, processes
 from deeco.knowledge import Knowledge, is_component, is_role
 
 _FORM: Final = "'module:Component', 'module:Ensemble' or 'module'"
@@ -42,8 +42,8 @@ class Subjects:
         return True
 
     def parts(self, cls: type[Knowledge]) -> tuple[ComponentPart, ...]:
-        """Return the processes of a component, then the ensembles that it takes part in."""
-        parts = (ensemble_part(ensemble, cls) for ensemble in self.ensembles)
+        """Return the processes of a component, its modes, then the ensembles that it takes part in."""
+        parts = (mode_part(cls), *(ensemble_part(ensemble, cls) for ensemble in self.ensembles))
         return processes(cls) + tuple(part for part in parts if part)
 
 
@@ -64,7 +64,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         print(f"deeco.explain: {error}", file=sys.stderr)  # noqa: T201
         return 2
     if options.mermaid:
-        lines = mermaid_chart({cls.__name__: subjects.parts(cls) for cls in subjects.components})
+        lines = mermaid_chart({cls: subjects.parts(cls) for cls in subjects.components})
     else:
         lines = text(subjects)
     try:

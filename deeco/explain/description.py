@@ -18,6 +18,7 @@ from deeco.explain.knowledge_use import ComponentPart, method_flow, methods, rhy
 from deeco.history import histories, published_fields
 from deeco.instant import Duration, Instant, in_seconds
 from deeco.knowledge import Knowledge, describe, field_type, local_fields, role_fields, roles_of
+from deeco.modes import MODE, chart_of
 
 WIDTH: Final = 110
 _LABEL: Final = 12
@@ -32,9 +33,13 @@ def component_text(cls: type[Knowledge], processes: Sequence[ComponentPart]) -> 
         lines += _entry("publishes", f"as {role.__name__}: {_typed(role, published_fields(role))}")
     past = histories(cls)
     lines += _entry("keeps local", _typed(cls, [one for one in local_fields(cls) if one not in past]))
-    for name, one in past.items():
-        age = "" if one.max_age is None else f", at most {in_seconds(one.max_age):g} s old"
-        lines += _entry("collects", f"{name}: the last {one.size} values of {one.of}{age}")
+    for name, history in past.items():
+        age = "" if history.max_age is None else f", at most {in_seconds(history.max_age):g} s old"
+        lines += _entry("collects", f"{name}: the last {history.size} values of {history.of}{age}")
+    if transitions := chart_of(cls).transitions:
+        lines += _entry("starts in", getattr(cls, MODE).name)
+        for one in transitions:
+            lines += _entry("transition", f"{one.source.name} → {one.target.name} {one.condition}")
     for process in processes:
         layer = "adaptation" if process.adaptation else "adapted"
         lines += ["", *_heading(f"  {process.name}, a process of the {layer} layer, {process.when}")]
@@ -101,13 +106,25 @@ def field_table(cls: type[Knowledge], parts: Sequence[ComponentPart]) -> list[st
     return lines
 
 
-def mermaid_chart(components: Mapping[str, Sequence[ComponentPart]]) -> list[str]:
-    """Draw both layers of the named components as a Mermaid flowchart."""
+def mermaid_chart(components: Mapping[type[Knowledge], Sequence[ComponentPart]]) -> list[str]:
+    """Draw both layers and the modes of components as a Mermaid flowchart."""
     lines = ["flowchart TB"]
-    for name, parts in components.items():
+    for cls, parts in components.items():
+        name = cls.__name__
         lines += [f'    subgraph {name}["{name}"]', *(f"        {line}" for line in _chart(name, parts))]
-        lines += ["    end"]
+        lines += [*(f"        {line}" for line in _mode_chart(cls)), "    end"]
     return lines
+
+
+def _mode_chart(cls: type[Knowledge]) -> Iterator[str]:
+    if transitions := chart_of(cls).transitions:
+        prefix, initial = f"{cls.__name__}_mode", getattr(cls, MODE)
+        yield f'subgraph {prefix}s["modes"]'
+        yield from (f'    {prefix}_{mode.name}(["{mode.name}"])' for mode in type(initial))
+        yield f"    {prefix}s_start((start)) --> {prefix}_{initial.name}"
+        for one in transitions:
+            yield f'    {prefix}_{one.source.name} -- "{one.condition}" --> {prefix}_{one.target.name}'
+        yield "end"
 
 
 def _chart(owner: str, parts: Sequence[ComponentPart]) -> Iterator[str]:

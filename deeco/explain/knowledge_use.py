@@ -5,12 +5,13 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from typing import Any, Final, NamedTuple
 
-from deeco.component import ChangeTrigger, Fact, PeriodicTrigger, Process, has_fact, processes_of
+from deeco.component import ChangeTrigger, PeriodicTrigger, Process, processes_of
 from deeco.ensemble import COORDINATOR, MEMBER, EnsembleType, ensemble_type
 from deeco.explain.dataflow import Flow, analyse_flow
 from deeco.groups import AT_GROUP, PRIORITY
 from deeco.instant import in_seconds
-from deeco.knowledge import Knowledge, is_component
+from deeco.knowledge import Fact, Knowledge, has_fact, is_component
+from deeco.modes import MODE, chart_of
 
 _MEMBERSHIP: Final = "membership"
 _BOUNDARY: Final = "boundary"
@@ -60,15 +61,32 @@ def _process(cls: type[Knowledge], process: Process) -> ComponentPart:
     schedule = process.schedule
     facts = schedule.facts if isinstance(schedule, ChangeTrigger) else ()
     watched = [_fact_flow(fact, cls) for fact in facts]
+    active = "".join(f", in {mode.name}" for mode in schedule.modes)
     return ComponentPart(
         name=process.name,
-        when=_rhythm(schedule) if isinstance(schedule, PeriodicTrigger) else _change(facts),
+        when=(_rhythm(schedule) if isinstance(schedule, PeriodicTrigger) else _change(facts)) + active,
         is_ensemble=False,
         adaptation=process.adaptation,
         ports=process.ports,
-        reads=_union([found.read(own), *(one.read("self") for one in watched)]),
+        reads=_union([found.read(own), *(one.read("self") for one in watched), (MODE,) if active else ()]),
         writes=found.written(own),
         unknowns=_union([found.unknowns, *(one.unknowns for one in watched)]),
+    )
+
+
+def mode_part(cls: type[Knowledge]) -> ComponentPart | None:
+    """Return the transitions of a component class as one part; None without modes."""
+    if not (transitions := chart_of(cls).transitions):
+        return None
+    flows = [_fact_flow(fact, cls) for one in transitions for fact in filter(callable, (one.when, one.after))]
+    return ComponentPart(
+        name="modes",
+        when="on a change of a guard",
+        is_ensemble=False,
+        adaptation=True,
+        reads=_union(one.read("self") for one in flows),
+        writes=(MODE,),
+        unknowns=_union(one.unknowns for one in flows),
     )
 
 

@@ -11,6 +11,7 @@ Settings: `AuctionParameters`.
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from enum import Enum
 from typing import Annotated, NamedTuple, Self
 
 from actors.geometry import Point
@@ -27,8 +28,11 @@ from actors.robot.behaviour import (
 )
 from actors.robot.behaviour.ports import TYPICAL_SPEED
 from deeco import (
+    Duration,
     Instant,
+    ModeChart,
     Resolution,
+    Transition,
     adaptation,
     component,
     ensemble,
@@ -67,8 +71,8 @@ class AuctionParameters(ThresholdParameters):
     """Seconds after which a standing robot with a target is blocked."""
     insist: int = 8
     """The same for the robot with priority."""
-    wait: float = 8.0
-    """Time that a robot waits after giving way, s."""
+    wait: float = 7.0
+    """Time from backing out until a robot drives again, s."""
     change: float = 30.0
     """Time from one robot's charge to the next, s."""
     queue: float = 2.0
@@ -92,6 +96,14 @@ class OrderBidder(Carrier):
     offers: tuple[OrderOffer, ...] = ()
 
 
+class Motion(Enum):
+    """Modes of a robot."""
+
+    DRIVING = "driving"
+    YIELDING = "yielding"
+    """It backs out, then waits."""
+
+
 @component
 class BiddingCarrierRobot(ThresholdRobot, OrderBidder):
     """A robot that takes orders of others over, and gives way."""
@@ -103,9 +115,26 @@ class BiddingCarrierRobot(ThresholdRobot, OrderBidder):
     """Time of standing with a target, s."""
     back: float = 0.0
     """Distance of backing out that is yet to be requested, m."""
-    waits_until: Instant = Instant(0)
+    mode: Motion = Motion.DRIVING
     waypoint: Point | None = None
     """Point to which an idle robot makes way, m."""
+
+    def must_back_out(self) -> bool:
+        """Return True until navigation has received the request to back out."""
+        return self.back > 0
+
+    def has_backed_out(self) -> bool:
+        """Return True if there is no such request."""
+        return not self.back
+
+    def waiting_time(self) -> Duration:
+        """Return how long the robot waits."""
+        return seconds(self.parameters.wait)
+
+    modes = ModeChart(
+        Transition(Motion.DRIVING, Motion.YIELDING, when=must_back_out),
+        Transition(Motion.YIELDING, Motion.DRIVING, when=has_backed_out, after=waiting_time),
+    )
 
     @adaptation
     @periodic(every=seconds(1), order=2)
@@ -122,10 +151,10 @@ class BiddingCarrierRobot(ThresholdRobot, OrderBidder):
 
     @adaptation
     @periodic(every=seconds(1), order=3)
-    def detect_blocked(self, now: Instant) -> Self:
+    def detect_blocked(self) -> Self:
         """Count the time of standing with a target out of reach."""
         stands = self.before is not None and self.position.is_nearer(self.before, 0.05)
-        wants = self.target is not None and not self.is_there() and now >= self.waits_until
+        wants = self.target is not None and not self.is_there() and self.mode is Motion.DRIVING
         still_for = self.still_for + 1 if stands and wants and not self._queues() else 0
         return replace(
             self, before=self.position, still_for=still_for, is_blocked=still_for >= self.parameters.patience
@@ -149,11 +178,9 @@ class BiddingCarrierRobot(ThresholdRobot, OrderBidder):
         robot = replace(robot, target=robot.waypoint)
         return replace(robot, target=None, waypoint=None) if robot.is_there() else robot
 
-    @periodic(every=milliseconds(500), order=4)
+    @periodic(every=milliseconds(500), order=4, modes=(Motion.DRIVING,))
     def drive(self, navigation: Navigation, now: Instant) -> Self:
-        """Drive as without auction, but wait after giving way, and at a distance from an occupied charger."""
-        if now < self.waits_until:
-            return self
+        """Drive as without auction, but wait at a distance from an occupied charger."""
         if self._queues():
             if self.sent is not None:
                 navigation.stop()
@@ -234,13 +261,13 @@ class BiddingCarrierRobot(ThresholdRobot, OrderBidder):
         patience = p.patience if peer.id > self.id else p.insist
         return not self.back and (self.target is None or self._queues() or self.still_for >= patience)
 
-    def giving_way(self, floor: FloorPlan, now: Instant) -> Self:
+    def giving_way(self, floor: FloorPlan) -> Self:
         """Return the robot with the decision to back out, or if idle to drive elsewhere."""
         if self.target is None:
             points = [floor.random_point() for _ in range(8)]
             return replace(self, waypoint=min(points, key=lambda one: distance(floor, self.position, one)))
         back = 1.0 if floor.door(self.position) is None else 2.0
-        return replace(self, back=back, waits_until=Instant(now + seconds(self.parameters.wait)))
+        return replace(self, back=back)
 
     def _charging_time(self, charge: float) -> float:
         return max(0.0, self.parameters.enough - charge) / self.parameters.gain
@@ -305,10 +332,10 @@ class GivingWay:
         return member.should_give_way(coordinator)
 
     def at_member(
-        self, coordinator: Carrier, member: BiddingCarrierRobot, floor: FloorPlan, now: Instant
+        self, coordinator: Carrier, member: BiddingCarrierRobot, floor: FloorPlan
     ) -> BiddingCarrierRobot:
         """Let the member give way."""
-        return member.giving_way(floor, now)
+        return member.giving_way(floor)
 
 
 def behaviour(start: Start) -> Behaviour:

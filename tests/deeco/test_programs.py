@@ -17,7 +17,7 @@ from deeco.node import CASCADE_LIMIT
 HERE = Path(__file__).parent / "mistakes"
 ROOT = Path(__file__).parents[2]
 PAGE = (ROOT / "docs" / "deeco.md").read_text()
-EXAMPLE, KEY, GROUP, HISTORY = re.findall(r"^```python\n(.*?)^```$", PAGE, re.MULTILINE | re.DOTALL)
+EXAMPLE, KEY, GROUP, HISTORY, MODES = re.findall(r"^```python\n(.*?)^```$", PAGE, re.MULTILINE | re.DOTALL)
 MARK = "# mistake: "
 GROUP_ROLES = """
 from deeco import *
@@ -69,6 +69,11 @@ def test_the_example_of_a_key_makes_an_authenticator() -> None:
     names: dict[str, Any] = {}
     exec(KEY, names)
     assert names["parameters"].authenticator.tag_size == 8
+
+
+def test_the_example_of_modes_prints_the_documented_output(capsys: pytest.CaptureFixture[str]) -> None:
+    exec(MODES, {"__name__": "__main__"})
+    assert f"\nIt prints:\n\n```text\n{capsys.readouterr().out}```\n" in PAGE
 
 
 def test_the_numbers_of_the_page_are_those_of_the_code() -> None:
