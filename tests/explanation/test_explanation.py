@@ -138,6 +138,19 @@ DOORWAY = (
 )  # fmt: skip
 
 
+GROUPED = (
+    Known("grouped", "r1@3.5", "drives to (13.00, 11.80)", (
+        ("state", 3.0, "wish - → 13.00, 11.80, by Meeting.at_group with r2"),
+        ("frame", 2.446, "received in a frame of r2, direct"),
+        ("state", 3.0, "by Meeting.offer with r2"))),
+    Known("grouped", "r2@4.5", "drives to (13.00, 11.80)", (
+        ("state", 4.0, "wish - → 13.00, 11.80, by Meeting.at_member with r1"),
+        ("replica", 3.709, "meeting 13.00, 11.80"),
+        ("state", 4.0, "by Meeting.confirm with r1"))),
+)  # fmt: skip
+"""r1 sets its wish when two guests have confirmed; they receive it from r1."""
+
+
 @cache
 def explainer(out: Path, robot: str) -> Explainer:
     return Explainer(out, robot, permit=Permit((REPOSITORY,)), isolate=False)
@@ -170,6 +183,11 @@ def check(out: Path, knowns: tuple[Known, ...]) -> None:
 
 def test_planted_causes_are_named_whatever_the_strategy(planted: Path) -> None:
     check(planted, PLANTED)
+
+
+def test_causes_in_a_group_are_named(tmp_path: Path) -> None:
+    record(tmp_path / "out", SCENARIO.replace("planted:behaviour", "grouped:behaviour"), duration=5.0)
+    check(tmp_path / "out", GROUPED)
 
 
 def test_causes_of_the_chapters_decisions_are_named(doorway: Path) -> None:
