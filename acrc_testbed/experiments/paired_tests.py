@@ -182,15 +182,15 @@ MIN_PAIRS: Final = fewest_differing(1)
 without differing pairs are excluded (see `decidable`)."""
 
 
-def decidable(differing: Sequence[int], alpha: float = ALPHA) -> list[bool]:
-    """Return which tests could reach `alpha`, from their numbers of differing pairs; only these count.
+def decidable(differing: Sequence[int]) -> list[bool]:
+    """Return which tests could reach ALPHA, from their numbers of differing pairs; only these count.
 
     Tarone, "A modified Bonferroni method for discrete data", Biometrics 46, 1990. The number of differing
     pairs is independent of their signs, so the exclusion keeps the error rate.
     """
     able = [False] * len(differing)
     for tests in range(1, len(differing) + 1):
-        able = [one >= fewest_differing(tests, alpha) for one in differing]
+        able = [one >= fewest_differing(tests) for one in differing]
         if sum(able) <= tests:
             break
     return able

@@ -206,7 +206,7 @@ def _frames_entry(at: int, frames: list[Transform]) -> LogEntry:
 
 
 def _pose_entry(at: int, topic: str, pose: Pose) -> LogEntry:
-    return LogEntry(at, topic, ros2_log.placed_pose(MAP, pose, at), at)
+    return LogEntry(at, topic, ros2_log.placed_pose(pose, at), at)
 
 
 _ITEM_RADIUS: Final = 0.15

@@ -128,9 +128,9 @@ def transforms(frames: Iterable[Transform], stamp: int) -> Any:
     return _new("tf2_msgs/TFMessage", transforms=[_transform(one, stamp) for one in frames])
 
 
-def placed_pose(frame: str, pose: Pose, stamp: int) -> Any:
+def placed_pose(pose: Pose, stamp: int) -> Any:
     """Return a PoseStamped."""
-    return _new("geometry_msgs/PoseStamped", header=_header(frame, stamp), pose=_pose(pose))
+    return _new("geometry_msgs/PoseStamped", header=_header(MAP, stamp), pose=_pose(pose))
 
 
 def odometry(frame: str, child: str, pose: Pose, velocity: Any, stamp: int) -> Any:
@@ -160,7 +160,7 @@ def laser_scan(frame: str, sensor: RangeSensor, ranges: Singles, stamp: int) -> 
 
 def path(points: Points, stamp: int) -> Any:
     """Return a Path in the map frame; it is empty when the plan was dropped."""
-    poses = [placed_pose(MAP, Pose(x, y, 0.0), stamp) for x, y in points.tolist()]
+    poses = [placed_pose(Pose(x, y, 0.0), stamp) for x, y in points.tolist()]
     return _new("nav_msgs/Path", header=_header(MAP, stamp), poses=poses)
 
 

@@ -205,8 +205,8 @@ def _instants(message: Message) -> Iterator[int]:
             yield from (event.instant for event in message.events)
 
 
-def large_messages(path: Path, min_bytes: int) -> dict[bytes, bytes]:
-    """Return the robots' messages above `min_bytes` bytes that the recording's process received, by SHA-256.
+def large_messages(path: Path) -> dict[bytes, bytes]:
+    """Return the robots' messages above LARGE bytes that the recording's process received, by SHA-256.
 
     Stops at damage.
     """
@@ -216,7 +216,7 @@ def large_messages(path: Path, min_bytes: int) -> dict[bytes, bytes]:
         for item in read_recording(path):
             if isinstance(item, Note) or item.direction != "in" or not item.key.startswith(prefix):
                 continue
-            if item.payload is not None and len(item.payload) > min_bytes:
+            if item.payload is not None and len(item.payload) > LARGE:
                 messages[hashlib.sha256(item.payload).digest()] = item.payload
     except AcrcError:
         return messages  # missing messages matter, and are noted, only if a robot recorded their hash alone
@@ -295,7 +295,7 @@ def read_field_trial(folders: Sequence[Path]) -> FieldTrial:
     trial.task = _recorded_task(other_recordings)
     full_messages: dict[bytes, bytes] = {}
     for path, run in other_recordings:
-        full_messages |= large_messages(path, LARGE)
+        full_messages |= large_messages(path)
         _add_base_counters(path, run, trial)
     for path, identity in sorted(robots, key=lambda one: (natural_key(one[1].id), one[1].epoch)):
         log = read_log(path, identity, full_messages)

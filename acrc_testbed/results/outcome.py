@@ -97,9 +97,7 @@ class DeecoResult(msgspec.Struct, frozen=True):
 
 def deeco_result(nodes: Iterable[NodeReport]) -> DeecoResult:
     """Add up the reports of all nodes."""
-    counters: Counter[str] = Counter()
-    exchanges: Counter[str] = Counter()
-    ages: Counter[int] = Counter()
+    counters, exchanges, ages = Counter[str](), Counter[str](), Counter[int]()
     for node in nodes:
         counters.update(node.counters)
         exchanges.update(node.exchanges)
@@ -152,27 +150,24 @@ class NavigationResult(msgspec.Struct, frozen=True):
     """Total length of the listed intervals, s."""
 
 
+_NAVIGATION_COUNTS: Final = ("goals", "succeeded", "recoveries", "retreats")
+
+
 def navigation_result(reports: Iterable[NavigationReport]) -> NavigationResult:
     """Add up the reports of all robots' navigation."""
-    counts: Counter[str] = Counter()
-    aborted: Counter[str] = Counter()
-    intervals: Counter[str] = Counter()
+    counts, aborted, intervals = Counter[str](), Counter[str](), Counter[str]()
     lasted_us = 0
     for outcome in reports:
-        for name in ("goals", "succeeded", "recoveries", "retreats"):
-            counts[name] += getattr(outcome, name)
+        counts.update({name: getattr(outcome, name) for name in _NAVIGATION_COUNTS})
         aborted.update(outcome.aborted)
         intervals.update(end_cause for _, _, end_cause in outcome.no_valid_trajectory)
         intervals["unlisted"] += outcome.no_valid_trajectory_unlisted
         lasted_us += sum(end - begin for begin, end, _ in outcome.no_valid_trajectory)
     return NavigationResult(
-        goals=counts["goals"],
-        succeeded=counts["succeeded"],
         aborted=dict(sorted(aborted.items())),
-        recoveries=counts["recoveries"],
-        retreats=counts["retreats"],
         no_valid_trajectory={end_cause: count for end_cause, count in sorted(intervals.items()) if count},
         no_valid_trajectory_s=lasted_us / 1_000_000,
+        **{name: counts[name] for name in _NAVIGATION_COUNTS},
     )
 
 

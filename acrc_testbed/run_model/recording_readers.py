@@ -64,11 +64,6 @@ def final_outcomes(path: Path) -> Mapping[str, msgspec.Raw]:
     return {} if text is None else decode_note(path, "final", text, FinalNote).outcome
 
 
-def final_outcome(path: Path, subject: str, kind: type[T], origin: str) -> T | None:
-    """Return one subject of the final record, or None. Raises RecordingError or OutcomeError."""
-    return decode_subject(path, final_outcomes(path), subject, kind, origin)
-
-
 def robot_report(records: Iterable[Path]) -> RobotReport:
     """Return the final records of one robot's processes; `records`: recordings in order of start.
 
@@ -112,7 +107,8 @@ def final_items(run: RunData) -> tuple[Mapping[str, Value], ...]:
 
     Raises RecordingError or OutcomeError for an invalid record.
     """
-    outcome = final_outcome(recordings(run.out)["world"], "task", TaskOutcome, "a world")
+    world = recordings(run.out)["world"]
+    outcome = decode_subject(world, final_outcomes(world), "task", TaskOutcome, "a world")
     if outcome is not None:
         return outcome.items
     task = run.description.task

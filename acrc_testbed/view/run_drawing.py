@@ -25,7 +25,6 @@ from actors.installation.usage import wrong_value
 from actors.introspection import DecisionRecord
 from actors.observer import floor_drawing, layout, panels, robots
 from actors.observer.canvas import Canvas
-from actors.observer.glyphs import OUTCOME_COLOURS
 from actors.observer.panels import DrawnEvent, KnowledgeExchange, LaneActivity
 from actors.radio.medium.state import Outcome
 from actors.runtime.errors import printable
@@ -204,7 +203,7 @@ class RunDrawing:
         self._exchanges: list[KnowledgeExchange] = []
         floor_drawing.draw_floor(canvas, run.grid, door_cells(run.grid, run.description.radius))
         floor_drawing.draw_legend(canvas, run.description.task)
-        floor_drawing.draw_lines(canvas, "copies", OUTCOME_COLOURS)
+        floor_drawing.draw_outcome_legend(canvas)
         robots.set_radio_style(canvas)
         for robot in run.robots:
             robots.draw_body(canvas, robot)

@@ -214,12 +214,12 @@ def load_map(path: Path | str, limits: MapLimits = MapLimits()) -> OccupancyGrid
     return _MAPS.get(content, lambda: _grid(path, header, _decoded_image(header.image, image, limits)))
 
 
-def map_warnings(path: Path | str, limits: MapLimits = MapLimits()) -> tuple[str, ...]:
+def map_warnings(path: Path | str) -> tuple[str, ...]:
     """Return warnings about a map that `load_map` reads, one sentence each; none for generated floors.
 
     Raises what `load_map` raises.
     """
-    grid = load_map(path, limits)
+    grid = load_map(path)
     return tuple(f"{Path(path).name}: {notes}" for notes in _WARNINGS.get(grid, ()))
 
 

@@ -15,6 +15,7 @@ from actors.observer.glyphs import (
     GREY,
     GROUND,
     MARKS,
+    OUTCOME_COLOURS,
     WALL,
     WHITE,
     Colour,
@@ -174,17 +175,17 @@ def draw_legend(canvas: Canvas, task: TaskDeclaration) -> None:
     canvas.draw_static("legend/marks", rr.TextDocument(text, media_type="text/markdown"))
 
 
-def draw_lines(canvas: Canvas, name: str, lines: Mapping[str, Colour]) -> None:
-    """Draw the legend of a plot: names in their colours."""
-    count = len(lines)
+def draw_outcome_legend(canvas: Canvas) -> None:
+    """Draw the outcomes of frames in their colours."""
+    count = len(OUTCOME_COLOURS)
     dots = rr.Points2D(
         [(0.0, float(row)) for row in range(count)],
-        colors=list(lines.values()),
+        colors=list(OUTCOME_COLOURS.values()),
         radii=[-4.0] * count,
-        labels=list(lines),
+        labels=list(OUTCOME_COLOURS),
         show_labels=True,
     )
-    canvas.draw_static(f"legend/{name}", dots)
+    canvas.draw_static("legend/copies", dots)
 
 
 DrawnObject = tuple[str, tuple[tuple[float, float], ...], float]

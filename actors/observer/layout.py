@@ -12,7 +12,6 @@ import rerun.blueprint as rrb
 from actors.floor.grid import OccupancyGrid
 from actors.observer.canvas import TIMELINE
 from actors.observer.glyphs import GROUND, OUTCOME_COLOURS
-from actors.observer.panels import lane_path
 from actors.observer.robots import RECENT_S
 from actors.runtime.errors import AcrcError
 
@@ -164,7 +163,7 @@ def _right_part(contents: ViewerContents) -> Any:
 def _lanes(contents: ViewerContents) -> rrb.StateTimelineView:
     return rrb.StateTimelineView(
         origin=contents.root or "/",
-        contents=[f"{contents.root}/{lane_path(robot)}" for robot in contents.robots],
+        contents=[f"{contents.root}/{robot}" for robot in contents.robots],
         name="Activities of robots",
         time_view=_run_range(contents),
     )

@@ -62,16 +62,11 @@ class DrawnEvent(NamedTuple):
     """INFO, WARN or ERROR."""
 
 
-def lane_path(robot: str) -> str:
-    """Return the entity path of a robot's lane; the viewer shows it as the lane's name."""
-    return robot
-
-
 class Lane:
     """Lane of a robot's activities, labelled with goals."""
 
     def __init__(self, canvas: Canvas, robot: str) -> None:
-        self._canvas, self._path = canvas, lane_path(robot)
+        self._canvas, self._path = canvas, robot  # the viewer shows the path as the name
         self._kinds: dict[str, Colour] = {}
 
     def draw(self, activities: Sequence[LaneActivity]) -> None:

@@ -159,7 +159,7 @@ def bridge_program(onboard: OnboardRobot, start: int) -> Program:
     plan, ports, folder = onboard.plan, onboard.ports, onboard.folder(BRIDGE)
     bridge = BridgeSetup(onboard.robot.id, plan.world.step_us, ports.radio, ports.settings, ports.board)
     record = f"{_numbered_name(folder.name, start)}.mcap"
-    process = client_setup(plan, f"../{onboard.folder(BASE).name}", "radio", record)
+    process = client_setup(plan, f"../{onboard.folder(BASE).name}", record)
     return actor_program(BRIDGE, "firmware_bridge.onboard.bridge", folder, ActorSetup(bridge, process))
 
 

@@ -223,21 +223,18 @@ def relative_radio_setup(plan: RunPlan) -> RadioSetup:
 
 def radio_program(plan: RunPlan) -> Program:
     """Return the radio's program."""
-    process = client_setup(plan, "../world", "radio", "radio.mcap")
+    process = client_setup(plan, "../world", "radio.mcap")
     return actor_program(
         "radio", "actors.radio", plan.folder("radio"), ActorSetup(relative_radio_setup(plan), process)
     )
 
 
-def client_setup(plan: RunPlan, place: str, user: str, record: str) -> ProcessSetup:
-    """Return the process set-up of a client other than a robot.
-
-    `place`: folder with the router's socket and the credentials. `user`: name on the mesh.
-    """
+def client_setup(plan: RunPlan, place: str, record: str) -> ProcessSetup:
+    """Return the process set-up of a radio; `place`: folder with the router's socket and the credentials."""
     return ProcessSetup(
         record=record,
         router=f"{place}/router.sock",
-        credentials=f"{place}/{user}.credentials",
+        credentials=f"{place}/radio.credentials",
         commit=plan.commit,
         with_parent=True,
     )

@@ -1,6 +1,5 @@
 """Charts of a report: box plots, curves, stacked bars, dot plots; reproducible files."""
 
-import contextlib
 import io
 import math
 import textwrap
@@ -18,7 +17,6 @@ from matplotlib.ticker import MaxNLocator, PercentFormatter
 
 from acrc_testbed.experiments.paired_tests import Interval
 from acrc_testbed.experiments.statistical_models import Completion, SurvivalCurve
-from acrc_testbed.picture.style import context as settings_context
 from acrc_testbed.picture.style import with_dark_mode
 from actors.runtime import regular_file
 from actors.runtime.errors import printable
@@ -37,7 +35,7 @@ TITLE: Final = 46
 """Characters per line of a panel's title."""
 NARROW: Final = 30
 """Characters per line of tick labels, legends and narrow titles."""
-_STYLE: Final[dict[str, Any]] = {
+STYLE: Final[dict[str, Any]] = {
     "font.family": "DejaVu Sans",
     "font.size": 10.0,
     "text.parse_math": False,  # names may contain $
@@ -83,11 +81,6 @@ def series_style(number: int) -> SeriesStyle:
     return SeriesStyle(
         PALETTE[index], MARKERS[(index + turn) % len(MARKERS)], LINES[(index + turn) % len(LINES)]
     )
-
-
-def style_context() -> contextlib.AbstractContextManager[None]:
-    """Return a context with the report's Matplotlib settings, for drawing and saving."""
-    return settings_context(_STYLE)
 
 
 def panels(count: int, height: float, *, alike: bool = True) -> tuple[Figure, list[Axes]]:

@@ -163,12 +163,8 @@ def _estimate_row(one: Comparison, varies: bool) -> Row:
     return _comparison_names(one, varies) | {"metric": one.says + unit} | _estimate_cells(one)
 
 
-def study_sentences(sources: Sequence[RunSource]) -> list[str]:
-    """Return a description of each folder's runs."""
-    return [_description(one) for one in sources]
-
-
-def _description(source: RunSource) -> str:
+def study_sentence(source: RunSource) -> str:
+    """Return a description of a folder's runs."""
     study = source.study
     if study is None:
         if source.conditions == (REAL,):

@@ -25,6 +25,7 @@ from acrc_testbed.experiments.study import Study
 from acrc_testbed.experiments.trial_record import TrialRecord
 from acrc_testbed.picture import html_page as rendering
 from acrc_testbed.picture.html_page import PageSection
+from acrc_testbed.picture.style import context as settings_context
 from actors.runtime import regular_file
 
 PAGE: Final = "report.html"
@@ -69,7 +70,7 @@ def compose(sources: Sequence[RunSource], out: Path) -> ReportPage:
     evaluations = [(one.name, one.evaluation) for one in sources if one.evaluation is not None]
     stores = [(one.name, one.store) for one in sources if one.store is not None]
     description = [
-        *findings.study_sentences(sources),
+        *map(findings.study_sentence, sources),
         *dict.fromkeys(line for _, one in stores for line in isolation_sentences(one)),
     ]
     different = [f"{name}: {line}." for name, one in stores for line in difference_sentences(one)]
@@ -77,7 +78,7 @@ def compose(sources: Sequence[RunSource], out: Path) -> ReportPage:
         "Nothing was compared."
     ]
     tables = [table for name, one in evaluations for table in findings.tables(view, name, one)]
-    with charts.style_context():
+    with settings_context(charts.STYLE):
         of_task = sections.task_sections(view) if view.groups else ()
         drawn = [*of_task, *(section(view) for section in _SECTIONS)] if view.groups else []
     failed = findings.failures(view, sources)
