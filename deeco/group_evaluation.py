@@ -21,7 +21,7 @@ class BoundGroup(BoundEnsemble):
         super().__init__(instance, binding, statistics)
         kind = self.type
         self._exclusive = {role for role, one in kind.members.items() if one.exclusive}
-        called = [one.own for name, one in kind.exchanges.items() if name not in EXCHANGES]
+        called = (one.own for name, one in kind.exchanges.items() if name not in EXCHANGES)
         self._coordinators = (kind.coordinator, *called)
         """Classes of a component that can coordinate: it is an instance of all."""
 

@@ -105,8 +105,8 @@ def _membership(self: object, coordinator: GroupCoordinator, member: GroupMember
 
 def _members(cls: type) -> dict[str, MemberRole]:
     """Return the member roles of a group. Raises DefinitionError if one is invalid."""
-    attributes = {name: value for base in reversed(cls.__mro__) for name, value in vars(base).items()}
-    found = {name: value for name, value in attributes.items() if isinstance(value, MemberRole)}
+    attributes = [item for base in reversed(cls.__mro__) for item in vars(base).items()]
+    found = {name: value for name, value in attributes if isinstance(value, MemberRole)}
     if not found:
         raise DefinitionError(f"group {cls.__name__} has no member role; add one, such as one_of(Drone)")
     for name, member in found.items():

@@ -91,17 +91,13 @@ class ProtectionGroup:
 
 @group(coordinator=ChargerStatus, every=seconds(1), max_age=seconds(5))
 class ChargingGroup:
-    """The drone with the emptiest battery charges."""
+    """A drone charges until its battery is full: the others have equal utility, so it stays."""
 
     drone = one_of(DroneStatus)
 
     def select_drone(self, coordinator: ChargerStatus, member: DroneStatus) -> bool:
         """Return whether the drone needs the charger."""
         return member.battery < (0.9 if member.is_charging else 0.5)
-
-    def utility_drone(self, coordinator: ChargerStatus, member: DroneStatus) -> float:
-        """Prefer the drone that is charging, then the emptiest battery."""
-        return member.is_charging - member.battery
 
     def at_member(self, coordinator: ChargerStatus, member: Drone) -> Drone:
         """Charge."""
