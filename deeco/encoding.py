@@ -11,7 +11,6 @@ from dataclasses import dataclass, fields, is_dataclass, replace
 from enum import Enum
 from functools import cache, cached_property
 from math import isfinite
-from operator import attrgetter
 from types import NoneType
 from typing import (
     Annotated,
@@ -21,7 +20,6 @@ from typing import (
     NewType,
     NoReturn,
     Union,
-    cast,
     get_args,
     get_origin,
     get_type_hints,
@@ -88,9 +86,9 @@ class Codec:
     """Depth of nested arrays."""
 
     @cached_property
-    def unpack(self) -> Callable[[Any], Any]:
+    def unpack(self) -> Any:
         """Function with the expression `decoder`."""
-        return cast(Callable[[Any], Any], eval(f"lambda value: {self.decoder}", _scope(helper=self.helper)))
+        return eval(f"lambda value: {self.decoder}", _scope(helper=self.helper))
 
 
 def malformed() -> NoReturn:
@@ -103,15 +101,9 @@ def refuse(value: object, expected: str) -> NoReturn:
     raise UnencodableValueError(f"{reprlib.repr(value)} must be {expected}")
 
 
-def _identity_codec(signature: str, kind: type, values: tuple[Any, ...], expected: str) -> Codec:
-    """Return the codec of values compared by identity and encoded as themselves."""
-
-    def pack(value: Any) -> Any:
-        if not any(value is one for one in values):
-            refuse(value, expected)
-        return value
-
-    condition = " or ".join(f"value is {one}" for one in values)
+def _identity_codec(signature: str, kind: type, condition: str, expected: str) -> Codec:
+    """Return the codec of values encoded as themselves; `condition`: Python expression of `value`."""
+    pack = eval(f"lambda value: value if {condition} else refuse(value, {expected!r})")
     return Codec(signature, frozenset({kind}), pack, f"value if {condition} else malformed()")
 
 
@@ -137,8 +129,8 @@ def _pack_float(value: Any) -> float:
     return number
 
 
-NONE: Final = _identity_codec("None", NoneType, (None,), "None")
-BOOL: Final = _identity_codec("bool", bool, (True, False), "True or False")
+NONE: Final = _identity_codec("None", NoneType, "value is None", "None")
+BOOL: Final = _identity_codec("bool", bool, "value is True or value is False", "True or False")
 INT: Final = Codec("int", frozenset({int}), _pack_int, f"value if {_IS_INT} else malformed()")
 FLOAT: Final = Codec(
     "float",
@@ -363,9 +355,9 @@ def _sequence_codec(item: Codec, most: int) -> Codec:
 
 def _tuple_codec(codecs: Sequence[Codec]) -> Codec:
     count = len(codecs)
-    pack_items = _apply_each([codec.pack for codec in codecs])
+    pack_items = _packer(codecs, [f"value[{index}]" for index in range(count)])
 
-    def pack(value: Any) -> tuple[Any, ...]:
+    def pack(value: Any) -> Any:
         if not isinstance(value, tuple) or len(value) != count:
             refuse(value, f"a tuple of {count} items")
         return pack_items(value)
@@ -376,14 +368,13 @@ def _tuple_codec(codecs: Sequence[Codec]) -> Codec:
 
 
 def _class_codec(cls: type, names: tuple[str, ...], codecs: Sequence[Codec]) -> Codec:
-    attributes = attribute_getter(names)
-    pack_items = _apply_each([codec.pack for codec in codecs])
+    pack_fields = _packer(codecs, [f"value.{name}" for name in names])
     unpack = class_decoder(cls, dict(zip(names, expressions(codecs), strict=True)), codecs)
 
-    def pack(value: Any) -> tuple[Any, ...]:
+    def pack(value: Any) -> Any:
         if type(value) is not cls:  # a subclass would lose fields
             refuse(value, f"a {cls.__name__}")
-        return pack_items(attributes(value))
+        return pack_fields(value)
 
     signature = ",".join(f"{name}:{codec.signature}" for name, codec in zip(names, codecs, strict=True))
     return Codec(f"{cls.__qualname__}({signature})", frozenset({cls}), pack, _CALL, unpack, _depth(codecs))
@@ -430,19 +421,11 @@ def _depth(codecs: Sequence[Codec]) -> int:
     return 1 + max((codec.depth for codec in codecs), default=0)
 
 
-def _apply_each(functions: Sequence[Callable[[Any], Any]]) -> Callable[[Sequence[Any]], tuple[Any, ...]]:
-    """Return a function that applies `functions` to the items of a sequence; fast for pairs (positions)."""
-    if len(functions) == 2:
-        first, second = functions
-        return lambda items: (first(items[0]), second(items[1]))
-    return lambda items: tuple([function(item) for function, item in zip(functions, items, strict=True)])
-
-
-def attribute_getter(names: tuple[str, ...]) -> Callable[[Any], tuple[Any, ...]]:
-    """Return a function from an object to the values of its attributes."""
-    if len(names) > 1:
-        return attrgetter(*names)
-    return lambda value: tuple(getattr(value, name) for name in names)
+def _packer(codecs: Sequence[Codec], items: Iterable[str]) -> Any:
+    """Return a function that packs items of `value`, given as Python expressions."""
+    calls = [f"pack{index}({item})" for index, item in enumerate(items)]
+    scope = {f"pack{index}": codec.pack for index, codec in enumerate(codecs)}
+    return eval(f"lambda value: {_tuple_of(calls)}", scope)
 
 
 def expressions(codecs: Sequence[Codec]) -> list[str]:
@@ -457,7 +440,7 @@ def _tuple_of(values: Iterable[str]) -> str:
     return f"({''.join(f'{value}, ' for value in values)})"
 
 
-def class_decoder(cls: type, values: Mapping[str, str], codecs: Sequence[Codec]) -> Callable[..., Any]:
+def class_decoder(cls: type, values: Mapping[str, str], codecs: Sequence[Codec]) -> Any:
     """Return a function from packed fields, and an `id` if used, to an object; it raises MalformedDataError.
 
     `values`: the fields' values as Python expressions of `value0`, `value1`, … and `id`. Raises
@@ -469,23 +452,24 @@ def class_decoder(cls: type, values: Mapping[str, str], codecs: Sequence[Codec])
         raise UnencodableTypeError(
             f"{cls.__name__} has parameters {given}; they must be its fields {', '.join(values)}"
         )
+    new: Any = object.__new__
     if issubclass(cls, tuple) and cls.__new__.__code__.co_filename == "<string>":  # generated by NamedTuple
-        return _decoder(codecs, f"return new(cls, {_tuple_of(values.values())})", cls=cls, new=tuple.__new__)
-    if has_generated_init(cls):
+        new = tuple.__new__
+        body = f"return new(cls, {_tuple_of(values.values())})"
+    elif has_generated_init(cls):
         fields = "; ".join(f"state[{name!r}] = {value}" for name, value in values.items())
         body = f"made = new(cls); state = made.__dict__; {fields}; return made"
-        return _decoder(codecs, body, cls=cls, new=object.__new__)
-    by_position = all(parameter.kind is not inspect.Parameter.KEYWORD_ONLY for parameter in parameters)
-
-    def make(fields: tuple[Any, ...]) -> Any:
-        try:
-            return cls(*fields) if by_position else cls(**dict(zip(values, fields, strict=True)))
-        except Exception as error:  # a user's __post_init__ may raise anything
-            raise MalformedDataError from error
-
-    return _decoder(codecs, f"return make({_tuple_of(values.values())})", make=make)
+    else:
+        keywords = {one.name: "" if one.kind is one.POSITIONAL_ONLY else f"{one.name}=" for one in parameters}
+        arguments = ", ".join(keyword + values[name] for name, keyword in keywords.items())
+        body = _CONSTRUCTION.format(arguments)
+    return _decoder(codecs, body, cls=cls, new=new)
 
 
+_CONSTRUCTION: Final = """try:
+        return cls({})
+    except Exception:  # a user's __post_init__ may raise anything
+        malformed()"""
 _DECODER: Final = """
 def unpack(packed, id=None):
     if type(packed) is not tuple or len(packed) != {count}:
@@ -495,13 +479,13 @@ def unpack(packed, id=None):
 """
 
 
-def _decoder(codecs: Sequence[Codec], body: str, **names: Any) -> Callable[..., Any]:
+def _decoder(codecs: Sequence[Codec], body: str, **names: Any) -> Any:
     """Return a function that unpacks a tuple of exactly these codecs, and then runs statements."""
     variables = ", ".join(f"value{index}" for index in range(len(codecs)))
     helpers = {f"helper{index}": codec.helper for index, codec in enumerate(codecs)}
     scope = _scope(**helpers, **names)
     exec(_compiled(_DECODER.format(count=len(codecs), variables=variables, body=body)), scope)
-    return cast(Callable[..., Any], scope["unpack"])
+    return scope["unpack"]
 
 
 def _scope(**names: Any) -> dict[str, Any]:

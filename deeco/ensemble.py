@@ -28,6 +28,7 @@ from deeco.errors import DefinitionError, DeploymentError
 from deeco.group_protocol import GroupMember, MemberRole
 from deeco.instant import ZERO, Duration, Instant, check_duration
 from deeco.knowledge import Fact, Knowledge, describe, has_fact, is_component, is_role
+from deeco.pair_search import Equal, Near, check_conditions
 
 
 class Membership(Protocol):
@@ -100,6 +101,8 @@ class EnsembleType:
     """Roles of the sender and of the local component in `boundary`; None without a boundary."""
     members: Mapping[str, MemberRole] = field(default_factory=dict)
     """Member roles of a group by name, in order of definition; none for an ensemble of pairs."""
+    equal: Equal = None
+    near: Near = None
 
     @property
     def roles(self) -> tuple[type[Knowledge], ...]:
@@ -119,11 +122,15 @@ def ensemble(
     offset: Duration = ZERO,
     on_change: Fact | tuple[Fact, ...] = (),
     max_age: Duration | None = None,
+    equal: Equal = None,
+    near: Near = None,
 ) -> Callable[[type[T]], type[T]]:
     """Make a class an ensemble and a frozen dataclass; evaluate it periodically, on changes of facts, or
     both.
 
-    Facts are watched in local components and in replicas. Raises DefinitionError if the class is invalid.
+    Facts are watched in local components and in replicas. `equal` and `near`: necessary conditions of
+    membership, which is evaluated only for pairs that fulfil them. Raises DefinitionError if the class is
+    invalid.
     """
     facts = on_change if isinstance(on_change, tuple) else (on_change,)
     if every is None and not facts:
@@ -152,6 +159,7 @@ def ensemble(
                     f"ensemble {cls.__name__} runs on a change of {getattr(fact, '__qualname__', fact)}, "
                     f"which is not a method of {coordinator.__name__} or {member.__name__}"
                 )
+        check_conditions(f"ensemble {cls.__name__}", (coordinator, member), equal, near)
         exchanges = _exchanges(cls, {COORDINATOR: coordinator, MEMBER: member})
         end = next((one for one in exchanges if one.endswith("_end")), None)
         if end and every is None:
@@ -170,6 +178,8 @@ def ensemble(
             ports=more,
             exchanges=exchanges,
             boundary=_sides(cls, "boundary", "sender", "here")[:2] if hasattr(cls, "boundary") else None,
+            equal=equal,
+            near=near,
         )
 
     return decorate

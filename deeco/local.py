@@ -19,6 +19,7 @@ from deeco.errors import DeploymentError, ExecutionError
 from deeco.instant import Instant, in_seconds
 from deeco.knowledge import Fact, Knowledge, has_fact, is_component, is_role, new_tuple, replace, role_view
 from deeco.modes import MODE, Transition, chart_of
+from deeco.pair_search import PairSearch
 from deeco.statistics import Statistics
 
 NEVER: Final = Instant(1 << 62)
@@ -220,6 +221,10 @@ class _EnsembleSide:
         """Local component and last peer with which the membership held, by id; empty without `end`."""
 
 
+MIN_SEARCHED_PAIRS: Final = 1000
+"""Number of pairs up to which evaluating all is faster than a search."""
+
+
 class BoundEnsemble:
     """An ensemble with its parameters and bound ports."""
 
@@ -240,6 +245,7 @@ class BoundEnsemble:
             for side, peer in ((COORDINATOR, kind.member), (MEMBER, kind.coordinator))
             if not is_component(peer)
         ]
+        self._search = PairSearch(kind, instance) if kind.equal or kind.near else None
         self._ends = [side for side in self._sides if side.end is not None]
         self._boundary: Callable[[Any, Any], bool] | None = getattr(instance, "boundary", None)
 
@@ -248,13 +254,23 @@ class BoundEnsemble:
     ) -> list[LocalComponent]:
         """Pair every local component with every other one and every replica, on both sides.
 
+        With conditions and many pairs, omit those that do not fulfil them and were not members.
         Return the components whose knowledge changed.
         """
         changed: dict[str, LocalComponent] = {}
         if self._ends:
             self._end_with_absent(locals_, replicas, now, changed)
-        for local in locals_:
-            for peer in (*(other for other in locals_ if other is not local), *replicas):
+        everyone = (*locals_, *replicas)
+        search = self._search if len(locals_) * len(everyone) > MIN_SEARCHED_PAIRS else None
+        if search:
+            search.index(everyone, [ids for side in self._ends for ids in side.members])
+        for place, local in enumerate(locals_):
+            peers = (
+                search.peers_of(place)
+                if search
+                else (*(other for other in locals_ if other is not local), *replicas)
+            )
+            for peer in peers:
                 for side in self._sides:
                     if self._meet(side, local, peer, now):
                         changed[local.id] = local

@@ -13,7 +13,6 @@ from deeco.encoding import (
     Resolution,
     UnencodableTypeError,
     UnencodableValueError,
-    attribute_getter,
     class_decoder,
     expressions,
 )
@@ -65,7 +64,6 @@ class _Role:
                 f"at most {limits.max_depth} are allowed (LinkParameters.max_depth)"
             )
         self._names = names
-        self._values = attribute_getter(names)
         self._pack = tuple(codec.pack for codec in codecs)
         fields = ",".join(f"{name}:{codec.signature}" for name, codec in zip(names, codecs, strict=True))
         self.signature = f"{cls.__qualname__}({fields})"
@@ -75,10 +73,9 @@ class _Role:
         """Return the encoded fields. Raises ExecutionError for a value that cannot be encoded."""
         packed: list[Any] = []
         try:
-            for pack, field in zip(self._pack, self._values(value), strict=True):
-                packed.append(pack(field))
+            for pack, name in zip(self._pack, self._names, strict=True):
+                packed.append(pack(getattr(value, name)))
         except UnencodableValueError as unfit:
-            name = self._names[len(packed)]
             raise ExecutionError(
                 f"{self.cls.__name__}.{name} of {value.id!r} cannot be published: {unfit}"
             ) from None

@@ -3,7 +3,8 @@
 Packets: frames of 63 bytes, one packet each, from 20 neighbours in turn; the role has position, mode, goal
 and one claim. "Other hops": relays change the hop count of each copy. Idle: a step of 100 ms without received
 frames, mean over ten seconds; a component with one process, three ensembles and replicas; process, ensembles
-and publication are due once per second.
+and publication are due once per second. Evaluation: of one ensemble with components in a grid, 2 m apart;
+members are up to 3 m apart.
 """
 
 from collections.abc import Callable, Sequence
@@ -19,10 +20,10 @@ from deeco.link import Reception
 from deeco.network import NetworkParameters
 from deeco.node import Node
 from deeco.packet import increment_hops
-from tests.deeco.sweepers import Sweeper, robot
+from tests.deeco.sweepers import Point, Sweeper, robot
 
 NEIGHBOURS: Final = 20
-REPEATS: Final = 50
+REPEATS: Final = 30
 BATCHES: Final = 20
 """Batches of frames per repeat; a batch has one frame of each neighbour."""
 FOREVER: Final = seconds(1_000_000)
@@ -128,6 +129,26 @@ def idle_step(neighbours: int) -> float:
     return microseconds(wait, 100)
 
 
+@ensemble(every=seconds(1), near=("position", 3.0))
+class NearAvoidance(Avoidance):
+    """Avoidance with its condition declared."""
+
+
+def evaluation(components: int, kind: object) -> float:
+    """Return the time per component to evaluate an ensemble of components 2 m apart, all in one node."""
+    side = components // 10
+    values = [
+        replace(PATROLLER, id=f"r{number}", position=Point(2.0 * (number % side), 2.0 * (number // side)))
+        for number in range(components)
+    ]
+    node = Node(values, [kind], parameters=NetworkParameters(publish_every=FOREVER))
+
+    def evaluate() -> None:
+        node.advance(Instant(node.now + seconds(1)))
+
+    return microseconds(evaluate, components)
+
+
 if __name__ == "__main__":
     news = packet(publications(BATCHES * REPEATS + 1)[1:])
     print(f"packet with news                 {news:8.2f}")
@@ -135,3 +156,6 @@ if __name__ == "__main__":
     print(f"packet without news, other hops  {known_packet([1, 2, 3]):8.2f}")
     for number in (20, 256):
         print(f"idle step, {number:3} replicas          {idle_step(number):8.2f}")
+    for number in (100, 200, 400):
+        all_pairs, near = evaluation(number, Avoidance()), evaluation(number, NearAvoidance())
+        print(f"evaluation per component of {number} {all_pairs:8.2f}  with near: {near:.2f}")
