@@ -169,9 +169,14 @@ class HigherBid:
         return member.leaving_to(coordinator, now, exchange=False)
 
 
+def hosted(start: Start, robot: BiddingRobot, *further: object) -> Behaviour:
+    """Return the behaviour of a bidding robot with the auction and further ensembles."""
+    p = robot.parameters
+    yielding = Yielding(p.yield_distance, p.yield_checks, p.insist_checks)
+    aside = [SteppingAside(p.yield_distance)] if p.make_way else []
+    return host(start, robot, Auction(), HigherBid(), *further, yielding, *aside)
+
+
 def behaviour(start: Start) -> Behaviour:
     """Auction places repeatedly by path length, with a charge for doors; blocked robots back out."""
-    p = from_settings(BiddingParameters, start.settings)
-    yielding = Yielding(p.yield_distance, p.yield_checks, p.insist_checks)
-    further = [SteppingAside(p.yield_distance)] if p.make_way else []
-    return host(start, BiddingRobot.at_start(start, p), Auction(), HigherBid(), yielding, *further)
+    return hosted(start, BiddingRobot.at_start(start, from_settings(BiddingParameters, start.settings)))

@@ -26,6 +26,7 @@ STRATEGIES: Final = MappingProxyType(
         "swap": "cleaning.strategies.swap:behaviour",
         "lease": "cleaning.strategies.lease:behaviour",
         "auction": "cleaning.strategies.auction:behaviour",
+        "offices": "cleaning.strategies.offices:behaviour",
         "oracle": "cleaning.strategies.oracle:behaviour",
         "logistics-greedy": "logistics.strategies.greedy:behaviour",
         "logistics-threshold": "logistics.strategies.threshold:behaviour",

@@ -29,7 +29,7 @@ class PathCosts:
     """Path costs, m: length plus a charge for each door."""
 
     def __init__(self, floor: FloorPlan, door_charge: float = 0.0) -> None:
-        self._floor = floor
+        self.floor = floor
         self._charge = door_charge
         self._known: dict[tuple[Point, Point], float] = {}
 
@@ -104,12 +104,12 @@ class PathCosts:
         return changed
 
     def _cost(self, start: Point, goal: Point) -> float:
-        length = self._floor.length(start, goal)
+        length = self.floor.length(start, goal)
         if length is None:
             return FAR
         if not self._charge:
             return length
-        return length + self._charge * len(self._floor.doors_between(start, goal) or ())
+        return length + self._charge * len(self.floor.doors_between(start, goal) or ())
 
 
 @dataclass(frozen=True)
