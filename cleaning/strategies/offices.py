@@ -4,7 +4,7 @@ Idea: an office is a region with one door, in which robots block each other. The
 group of its office: it admits the robot that has most places there and adopts all of them at once if that is
 cheaper, which bids for single places miss. Robots that are not admitted visit their other places first.
 Source: own, after ensembles with cardinality (DEECo) and bundles of places (CBBA). Limits: as `auction`;
-robots out of radio range enter. Settings: `OfficeParameters`.
+robots out of radio range enter. Settings: `OfficeBiddingParameters`.
 """
 
 from collections import Counter
@@ -30,7 +30,7 @@ from deeco import (
 
 
 @dataclass(frozen=True)
-class OfficeParameters(BiddingParameters):
+class OfficeBiddingParameters(BiddingParameters):
     """Parameters of the auction and of offices."""
 
     most_bundled: int = 4
@@ -57,7 +57,7 @@ class OfficeBidder(Bidder, GroupCoordinator, GroupMember):
 class OfficeRobot(BiddingRobot, OfficeBidder):
     """A bidding robot that coordinates the group of its office and joins those of other offices."""
 
-    parameters: OfficeParameters = OfficeParameters()
+    parameters: OfficeBiddingParameters = OfficeBiddingParameters()
     queues: tuple[tuple[str, int], ...] = ()
     """Doorkeepers that have not admitted it, each with its office."""
 
@@ -154,5 +154,5 @@ def _offices(floor: FloorPlan) -> frozenset[int]:
 
 def behaviour(start: Start) -> Behaviour:
     """Extend `auction`: the robot in an office admits others and adopts their places there together."""
-    p = from_settings(OfficeParameters, start.settings)
+    p = from_settings(OfficeBiddingParameters, start.settings)
     return hosted(start, OfficeRobot.at_start(start, p), Office(), OfficeQueue())

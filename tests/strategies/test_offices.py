@@ -14,11 +14,11 @@ from actors.instant import seconds
 from actors.items import ItemKey
 from actors.messages import FRAME_DATA_LIMIT
 from cleaning.place import Assignment
-from cleaning.strategies.auction import Auction, HigherBid
+from cleaning.strategies.auction import Auction, BiddingRobot, HigherBid
 from cleaning.strategies.offices import (
     Office,
     OfficeBidder,
-    OfficeParameters,
+    OfficeBiddingParameters,
     OfficeQueue,
     OfficeRobot,
     behaviour,
@@ -41,7 +41,7 @@ def robot(name: str, at: float, *xs: float) -> OfficeRobot:
     return OfficeRobot(id=name, position=Point(at, 0.0), route=places).plan(DOORWAY)
 
 
-def keys(one: OfficeRobot) -> list[ItemKey]:
+def keys(one: BiddingRobot) -> list[ItemKey]:
     return [place.key for place in one.route]
 
 
@@ -88,7 +88,7 @@ def test_a_robot_that_is_not_admitted_visits_its_other_places_first() -> None:
     assert waiting.plan(DOORWAY).attempt == waiting.attempt, "the order is stable"
     assert keys(queued.without({ItemKey("r2", 1)}, settled=True).plan(DOORWAY)) == [ItemKey("r2", 0)]
     assert keys(QUEUE.at_member_end(seen(keeper), queued).plan(DOORWAY)) == keys(guest)
-    free = replace(queued, parameters=OfficeParameters(admit=False))
+    free = replace(queued, parameters=OfficeBiddingParameters(admit=False))
     assert keys(free.plan(DOORWAY)) == keys(guest)
 
 
@@ -135,9 +135,7 @@ class Swarm(ScriptedSwarm[OfficeRobot]):
         peer = self.message(one, number)
         if peer is None:
             return one
-        if AUCTION.membership(peer, one):
-            one = AUCTION.at_member(peer, one, DOORWAY, NOW)
-        return OUTBID.at_member(peer, one, NOW) if OUTBID.membership(peer, one) else one
+        return one.adopt_cheaper(peer, DOORWAY, NOW).leaving_to(peer, NOW, exchange=False)
 
     def _adopt(self, one: OfficeRobot, number: int) -> OfficeRobot:
         peer = self.message(one, number)
