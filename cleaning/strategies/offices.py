@@ -22,10 +22,10 @@ from deeco import (
     component,
     ensemble,
     group,
+    one_of,
     replace,
     role,
     seconds,
-    some_of,
 )
 
 
@@ -110,7 +110,7 @@ class OfficeRobot(BiddingRobot, OfficeBidder):
 class Office:
     """A doorkeeper admits one robot to its office and adopts its places there if that is cheaper."""
 
-    guests = some_of(OfficeBidder, 1, 1)
+    guests = one_of(OfficeBidder)
 
     def select_guests(self, coordinator: OfficeBidder, member: OfficeBidder) -> bool:
         """Return True if the member has places in the coordinator's office and is not its doorkeeper."""
