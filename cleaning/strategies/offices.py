@@ -133,7 +133,8 @@ class OfficeQueue:
 
     def membership(self, coordinator: OfficeBidder, member: OfficeRobot) -> bool:
         """Return True if the coordinator is in an office and has not admitted the member."""
-        return coordinator.office is not None and member.id not in coordinator.group_members("Office")
+        confirmed = {one.coordinator for one in member.group_confirmations}
+        return coordinator.office is not None and coordinator.id not in confirmed
 
     def at_member(self, coordinator: OfficeBidder, member: OfficeRobot) -> OfficeRobot:
         """Store the doorkeeper."""

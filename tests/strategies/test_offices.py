@@ -82,6 +82,8 @@ def test_a_robot_that_is_not_admitted_visits_its_other_places_first() -> None:
     assert keys(guest) == [ItemKey("r2", 0), ItemKey("r2", 1)]
     guest = guest.heading_for(guest.route[0])
     assert QUEUE.membership(seen(keeper), guest)
+    offer = GroupOffer("Office", "guests", "r1", "r2", NOW, 0.0, 1.0)
+    assert not QUEUE.membership(seen(keeper), replace(guest, group_confirmations=(offer,)))
     queued = QUEUE.at_member(seen(keeper), guest)
     waiting = queued.plan(DOORWAY)
     assert keys(waiting) == [ItemKey("r2", 1), ItemKey("r2", 0)] and waiting.destination == waiting.route[0]
@@ -102,7 +104,7 @@ def test_one_robot_at_a_time_is_admitted() -> None:
         swarm.advance(seconds(second))
         keeper = swarm["r1"].knowledge
         assert isinstance(keeper, OfficeRobot)
-        admitted.add(keeper.group_members("Office"))
+        admitted.add(tuple(one.member for one in keeper.held_offers("Office")))
     assert admitted == {(), ("r3",)}, "it has more places there"
     assert {key.owner for key in swarm["r1"].route} == {"r1", "r2", "r3"}
     assert not swarm["r2"].route and not swarm["r3"].route
