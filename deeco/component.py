@@ -18,6 +18,7 @@ import functools
 import inspect
 from collections.abc import Callable
 from dataclasses import dataclass, fields
+from enum import Enum
 from typing import Any, Final, ParamSpec, TypeVar, dataclass_transform, get_type_hints
 
 from deeco.errors import DefinitionError
@@ -125,6 +126,10 @@ def adaptation(process: F) -> F:
 
 
 def _tag(schedule: Schedule) -> Callable[[F], F]:
+    modes: object = schedule.modes
+    if not isinstance(modes, tuple) or not all(isinstance(one, Enum) for one in modes):
+        raise DefinitionError(f"modes={modes} is not a tuple of modes; write modes=(Mode.SEARCH,)")
+
     def decorate(function: F) -> F:
         if not inspect.isfunction(function) or tag_of(function):
             raise DefinitionError(
@@ -153,6 +158,10 @@ def processes_of(cls: type) -> tuple[Process, ...]:
         for name, value in vars(base).items():
             if schedule := tag_of(getattr(value, "fget", getattr(value, "__func__", value))):
                 schedules[name] = schedule
+            elif getattr(value, _ADAPTATION, False) and name not in schedules:
+                raise DefinitionError(
+                    f"{cls.__name__}.{name} has @adaptation but no schedule; write @periodic below it"
+                )
     return tuple(_process(cls, name, schedule) for name, schedule in schedules.items())
 
 

@@ -18,12 +18,12 @@ decides whether this node relays the sender's knowledge. Further parameters are 
 processes are, also `Contact` and, at an end, `EndReason`.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, field
 from enum import Enum
 from typing import Any, Final, NamedTuple, Protocol, TypeVar, dataclass_transform
 
-from deeco.component import checked_arguments, ports
+from deeco.component import checked_arguments, ports, tag_of
 from deeco.errors import DefinitionError, DeploymentError
 from deeco.group_protocol import GroupMember, MemberRole
 from deeco.instant import ZERO, Duration, Instant, check_duration
@@ -201,9 +201,17 @@ def ensemble_type_of(instance: object) -> EnsembleType:
     return found
 
 
+def check_methods(cls: type, prefixes: tuple[str, ...], known: Collection[str]) -> None:
+    """Raise DefinitionError for a process, and for a method with one of the prefixes that is not known."""
+    for name, value in vars(cls).items():
+        if tag_of(value):
+            raise DefinitionError(f"{cls.__name__}.{name} is a process; define it in a component")
+        if name.startswith(prefixes) and name not in known:
+            raise DefinitionError(f"{cls.__name__}.{name} is never called; use {', '.join(known)}")
+
+
 def _exchanges(cls: type, sides: Mapping[str, type[Knowledge]]) -> dict[str, Exchange]:
-    if wrong := next((name for name in vars(cls) if name[:3] == "at_" and name not in EXCHANGES), None):
-        raise DefinitionError(f"{cls.__name__}.{wrong} is never called; use {', '.join(EXCHANGES)}")
+    check_methods(cls, ("at_",), EXCHANGES)
     found = {name: exchange_of(cls, name, side) for name, side in EXCHANGES.items() if hasattr(cls, name)}
     for name, one in found.items():
         expected = sides[one.side]

@@ -29,6 +29,7 @@ from deeco.ensemble import (
     EXCHANGES,
     EnsembleType,
     Exchange,
+    check_methods,
     exchange_of,
 )
 from deeco.errors import DefinitionError
@@ -134,11 +135,7 @@ def _exchanges(cls: type, members: Mapping[str, MemberRole]) -> dict[str, Exchan
     """Return the methods of a group. Raises DefinitionError if one is invalid."""
     pairs = EXCHANGES | {f"{one}_{role}": COORDINATOR for role in members for one in ("select", "utility")}
     others = {PRIORITY: (), AT_GROUP: tuple(members)}
-    for name in vars(cls):
-        if name.startswith(("select_", "utility_", "at_")) and name not in {**pairs, **others}:
-            raise DefinitionError(
-                f"{cls.__name__}.{name} is never called; use {', '.join((*others, *pairs))}"
-            )
+    check_methods(cls, ("select_", "utility_", "at_"), (*others, *pairs))
     found = {name: exchange_of(cls, name, side) for name, side in pairs.items() if hasattr(cls, name)}
     for name, roles in others.items():
         if hasattr(cls, name):

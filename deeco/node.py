@@ -164,6 +164,9 @@ class Node:
         now, whose counters and numbering continue. Raises DeploymentError if a port is missing or a component
         is invalid.
         """
+        for name, several in (("components", components), ("ensembles", ensembles)):
+            if not isinstance(several, Sequence):
+                raise DeploymentError(f"{name} is {several!r}; must be a list, also of one")
         parameters = parameters or NetworkParameters()
         if type(epoch) is not int or epoch < 0:
             raise DeploymentError(f"epoch is {epoch!r}; must be an integer of at least 0")

@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 from random import Random  # noqa: TID251  # Random.random() is equal on all machines
 from typing import Final, Generic, Protocol, TypeVar
 
-from deeco.errors import ExecutionError
+from deeco.errors import DefinitionError, ExecutionError
 from deeco.instant import START, ZERO, Duration, Instant, check_duration, in_seconds, milliseconds
 from deeco.link import Reception
 
@@ -60,6 +60,8 @@ class LossyMedium:
     """Sender and frame of all transmissions, by step and participant."""
 
     def __post_init__(self) -> None:
+        if not 0 <= self.loss <= 1:
+            raise DefinitionError(f"LossyMedium: loss={self.loss} must be a share from 0 to 1")
         self._draw = Random(self.seed).random
         self._in_flight: list[tuple[str, Reception]] = []
 

@@ -34,7 +34,7 @@ from deeco import (
 )
 from deeco.network import NetworkParameters
 from deeco.udp import UdpLink
-from deeco.virtual_network import VirtualNetwork
+from deeco.virtual_network import LossyMedium, VirtualNetwork
 
 @dataclass
 class Open:
@@ -217,6 +217,14 @@ MISTAKES = {
     "Convoy.at_meber is never called; use at_coordinator, at_member, at_coordinator_end, at_member_end": (
         convoy(MEMBERSHIP + " def at_meber(self, coordinator: Vehicle, member: Truck) -> Truck: ...")
     ),
+    "Convoy.drive is a process; define it in a component": (
+        convoy(MEMBERSHIP + " @periodic(every=seconds(1))\n def drive(self) -> Self: ...")
+    ),
+    "Lorry.drive has @adaptation but no schedule; write @periodic below it": (
+        lorry(" @adaptation\n def drive(self) -> Self: ...", periodic=False)
+    ),
+    "modes=3 is not a tuple of modes; write modes=(Mode.SEARCH,)": "periodic(every=seconds(1), modes=3)",
+    "LossyMedium: loss=30 must be a share from 0 to 1": "LossyMedium(loss=30)",
     "Convoy.boundary: its first parameters must be self, sender and here": (
         convoy(MEMBERSHIP + " def boundary(self, coordinator: Vehicle, member: Vehicle) -> bool: ...")
     ),
@@ -340,6 +348,10 @@ RUNS: dict[str, tuple[type[Exception], Callable[[], object]]] = {
     f"Derived() {ENSEMBLE}": (
         DefinitionError,
         lambda: run(ensembles=[type("Derived", (type(group(always)),), {})()]),
+    ),
+    "components is Car(id='a', x=0.0, goods=()); must be a list, also of one": (
+        DeploymentError,
+        lambda: Node(Car(id="a")),  # type: ignore[arg-type]
     ),
     "Car is a class; use an instance, Car(id=...)": (DeploymentError, lambda: run(Car)),
     "Lane cannot be deployed: decorate its class with @component": (
