@@ -10,7 +10,7 @@ import os
 import re
 import sys
 import tomllib
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -43,11 +43,13 @@ def presets(json: Json = False) -> None:
     actors = REPOSITORY / "actors"
     summary = dict_constant(actors / "robot" / "stack.py", "ODOMETRY")[1].removesuffix(".")
     odometry = {"table": "localisation", "name": "odometry", "summary": summary}
+    localisation = dict_constant(actors / "robot" / "localisation" / "parameters.py", "PRESETS")
+    navigation = dict_constant(actors / "robot" / "navigation" / "navigator.py", "NAVIGATION_PRESETS")
     rows = [
-        *_preset_rows("radio", actors / "radio" / "radio_model.py", "PRESETS"),
-        *_preset_rows("localisation", actors / "robot" / "localisation" / "parameters.py", "PRESETS"),
+        *_preset_rows("radio", *_commented_tables(actors / "radio" / "presets.toml")),
+        *_preset_rows("localisation", *localisation),
         odometry,
-        *_preset_rows("navigation", actors / "robot" / "navigation" / "navigator.py", "NAVIGATION_PRESETS"),
+        *_preset_rows("navigation", *navigation),
     ]
     columns = {"table": "[{table}]", "preset": "{name}", "summary": "{summary}"}
     _print_rows(rows, columns, json=json)
@@ -113,8 +115,13 @@ def _strategy_row(strategy: Any) -> Row:
     return {**names, "summary": summary, "error": strategy.fault or error}
 
 
-def _preset_rows(table: str, source: Path, name: str) -> list[Row]:
-    names, doc = dict_constant(source, name)
+def _commented_tables(path: Path) -> tuple[Iterable[str], str]:
+    """Return the tables of a TOML file, and its comments on one line."""
+    text = path.read_text("utf-8")
+    return tomllib.loads(text), " ".join(re.findall("^# (.*)", text, re.MULTILINE))
+
+
+def _preset_rows(table: str, names: Iterable[str], doc: str) -> list[Row]:
     return [{"table": table, "name": one, "summary": preset_summary(one, doc)} for one in names]
 
 

@@ -1,6 +1,6 @@
 """Radio model: presets, changes of a set-up, propagation and link budget."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
@@ -19,13 +19,8 @@ from actors.portable import log10
 from actors.portable.draws import exponentials
 from actors.radio.medium.medium import Interferer, Propagation
 from actors.radio.medium.reception import frame_error_rate
-from actors.radio.medium.state import Cca, PhyParameters, Transceiver
-from actors.radio.propagation import (
-    IndoorPropagation,
-    PathLossParameters,
-    PropagationParameters,
-    line_of_sight,
-)
+from actors.radio.medium.state import PhyParameters, Transceiver
+from actors.radio.propagation import IndoorPropagation, PropagationParameters, line_of_sight
 from actors.radio.walls import MaterialName, WallPatch, build, material
 from actors.randomness import generator
 from actors.runtime.errors import AcrcError
@@ -159,11 +154,6 @@ class Jammer:
 Channel = Annotated[
     int, Meta(ge=11, le=26, description="an IEEE 802.15.4 channel, a whole number from 11 to 26")
 ]
-CHIP_NOISE_DBM: Final = -95.51
-"""Noise at which 1 % of frames of 20 octets are lost at -95 dBm. This loss defines the sensitivity in the
-standard (IEEE 802.15.4-2006, 6.1.7); Microchip DS39776C states -95 dBm as typical for the MRF24J40."""
-NO_SENSITIVITY_LIMIT_DBM: Final = -120.0
-"""Sensitivity without effect, so that noise alone decides."""
 
 
 @dataclass(frozen=True)
@@ -184,62 +174,9 @@ class RadioParameters:
     (d3scomp/beeclickarm, TOHQueue.h)."""
 
 
-_CHIP: Final = PhyParameters(noise_dbm=CHIP_NOISE_DBM)
-_INET_NOISE_DBM: Final = -96.616
-_NS3_NOISE_DBM: Final = -95.4066
-
-PRESETS: Final[Mapping[str, RadioParameters]] = MappingProxyType(
-    {
-        "chapter": RadioParameters(
-            Transceiver(0, tx_power_dbm=-10.0, sensitivity_dbm=NO_SENSITIVITY_LIMIT_DBM, cca=Cca.EITHER),
-            _CHIP,
-            PropagationParameters(PathLossParameters(excess_db=24.5), walls="brick"),
-        ),
-        "beeclick": RadioParameters(
-            Transceiver(
-                0, tx_power_dbm=-10.0, sensitivity_dbm=NO_SENSITIVITY_LIMIT_DBM, cca_threshold_dbm=-69.0
-            ),
-            PhyParameters(noise_dbm=CHIP_NOISE_DBM, dead_us=20, dead_octet_us=3, dead_octets=57),
-            PropagationParameters(walls="brick"),
-        ),
-        "rosomnet": RadioParameters(
-            Transceiver(0, tx_power_dbm=-32.58, sensitivity_dbm=-100.0, cca_threshold_dbm=-90.0),
-            PhyParameters(_INET_NOISE_DBM, lock_sinr_db=-8.0, cochannel_penalty_db=0.0, capture_us=0),
-            PropagationParameters(walls="inet_brick"),
-        ),
-        "ns3": RadioParameters(
-            Transceiver(0, sensitivity_dbm=NO_SENSITIVITY_LIMIT_DBM, cca=Cca.EITHER),
-            PhyParameters(_NS3_NOISE_DBM, cochannel_penalty_db=0.0, capture_us=0, peak_cca=True),
-            PropagationParameters(
-                PathLossParameters(40.05, near_exponent=3.0, breakpoint=float("inf"), nearest=1.0)
-            ),
-        ),
-        "ideal": RadioParameters(
-            Transceiver(0, cca=Cca.EITHER, queue=64),
-            PhyParameters(),
-            PropagationParameters(PathLossParameters(40.0, near_exponent=0.0, breakpoint=float("inf"))),
-        ),
-    }
-)
-"""`chapter`, the default: chip and power of a BEE click, a textbook clear channel assessment, brick walls and
-24.5 dB of excess loss, so that half of the frames of 127 octets arrive at 10 m in line of sight, the range in
-the chapter's testbed. The excess is our own choice; it represents antennas half a metre above the floor
-behind the robots' decks. The original had this range by sending with -32.6 dBm.
-
-`beeclick`: the firmware's registers (d3scomp/beeclickarm, MRF24J40.cpp): RFCON3 = 0x40, -10 dBm; BBREG2 =
-0x80 and CCAEDTH = 0x60, energy detection only, from -69 dBm; TXMCR = 0x1C, the standard's back-offs. Only
-distance and walls cause loss, so that half of the 127-octet frames arrive at 55 m: stated, not tuned. A
-receiver is deaf while 7 octets of header and 50 of data are read from it (SPI at 10.5 MHz, 24 bits per octet:
-about 3 µs including software, an estimate, as are the 20 µs before).
-
-`rosomnet`: the original simulation (d3scomp/ROSOMNeT, omnetpp.ini.template: 0.000552615 mW) with the defaults
-of INET 3.1.1's Ieee802154NarrowbandScalarRadio: sensitivity -100 dBm, energy detection from -90 dBm, lock
-from -8 dB, other frames as noise. Not modelled: INET uses the worst ratio for the whole frame.
-
-`ns3`: ns-3.44's lr-wpan at sensitivity -95 dBm with its LogDistancePropagationLossModel, for comparisons.
-
-`ideal`: all transceivers are in range of each other; only air time and collisions remain.
-"""
+_FILE: Final = Path(__file__).with_name("presets.toml")
+PRESETS: Final = MappingProxyType(msgspec.toml.decode(_FILE.read_bytes(), type=dict[str, RadioParameters]))
+"""Parameters of each preset; presets.toml states their sources."""
 
 
 def preset(name: str) -> RadioParameters:

@@ -2,8 +2,10 @@
 
 import math
 import re
-from dataclasses import replace
+import tomllib
+from dataclasses import fields, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -33,6 +35,24 @@ from actors.radio.walls import MATERIALS
 from tests.refusals import refused
 
 CORRIDOR = str(Path(__file__).parents[2] / "maps" / "corridor.yaml")
+
+
+def unknown_keys(table: dict[str, Any], parameters: Any) -> set[str]:
+    """Return keys of a table, and of tables in it, that are no fields."""
+    inner = (
+        unknown_keys(value, getattr(parameters, key))
+        for key, value in table.items()
+        if isinstance(value, dict) and hasattr(parameters, key)
+    )
+    return set(table).difference(one.name for one in fields(parameters)).union(*inner)
+
+
+def test_every_key_of_a_preset_is_a_parameter() -> None:
+    tables = tomllib.loads((REPOSITORY / "actors" / "radio" / "presets.toml").read_text("utf-8"))
+    assert tables.keys() == PRESETS.keys()
+    for name, table in tables.items():
+        assert not unknown_keys(table, PRESETS[name])
+    assert unknown_keys({"phy": {"noise": 1.0}}, PRESETS["ideal"]) == {"noise"}
 
 
 def arriving(name: str, distance: float, octets: int = 127) -> float:
