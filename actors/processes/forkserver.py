@@ -33,6 +33,7 @@ from actors.runtime.linux import (
     PR_SET_CHILD_SUBREAPER,
     PR_SET_PDEATHSIG,
     create_log,
+    die_with_parent,
     prctl,
     redirect_output,
     set_title,
@@ -209,7 +210,7 @@ class ForkServer:
 
     def _become_child(self, server: int, log_writer: int, *, is_sandboxed: bool) -> EntryPoint:
         """In a child: read its program, and close the server's descriptors."""
-        _tie_to(server)
+        die_with_parent(server, signal.SIGTERM)  # the setting survives exec
         os.setsid()  # leave the terminal's foreground group; the session identifies its children
         signal.set_wakeup_fd(-1)
         signal.signal(signal.SIGCHLD, signal.SIG_DFL)
@@ -316,14 +317,6 @@ def _writes_to(pid: int, log: LogFile) -> bool:
     except OSError:
         return False
     return (found.st_dev, found.st_ino) == log
-
-
-def _tie_to(parent: int) -> None:
-    """Get SIGTERM when the parent exits; the setting survives exec (prctl(2), PR_SET_PDEATHSIG)."""
-    if sys.platform == "linux":
-        prctl(PR_SET_PDEATHSIG, signal.SIGTERM)
-        if os.getppid() != parent:
-            os._exit(1)
 
 
 def _tie_to_starter(channel: socket.socket) -> None:

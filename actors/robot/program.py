@@ -19,7 +19,7 @@ from actors.runtime.process_setup import ActorSetup, ProcessSetup, read_setup, r
 from actors.runtime.processor import combine_fingerprints
 
 
-class RobotProcess(ProcessSetup, frozen=True, forbid_unknown_fields=True):
+class RobotProcess(ProcessSetup, frozen=True):
     """Process settings of a robot in a run."""
 
     code: tuple[str, ...] = ()

@@ -15,7 +15,7 @@ from actors.messages import TOPICS
 from actors.runtime.codec import decode
 from actors.runtime.core import Delivery
 from actors.runtime.errors import AcrcError
-from actors.runtime.recording import Entry, read_recording
+from actors.runtime.recording import Entry, NullJournal, read_recording
 from actors.runtime.shell import Shell, run_shell
 from actors.topic import Message, Topic
 
@@ -72,7 +72,7 @@ class EndOfRecording(Exception):  # noqa: N818  # not an error: the recorded pro
     """The recording has no further input."""
 
 
-class ReplayBus:
+class ReplayBus(NullJournal):
     """Bus that replays a recording's inputs in order and compares every output with the recorded one.
 
     It is also the replayed actor's journal, to compare messages that are only recorded.
@@ -120,18 +120,9 @@ class ReplayBus:
             raise ReplayError(self._difference(entry, key, payload))
         self.compared += 1
 
-    def received(self, key: str, step: int, sequence: int, payload: bytes) -> None:
-        """Do nothing."""
-
-    def sent(self, key: str, step: int, sequence: int, payload: bytes, sha256: bytes | None = None) -> None:
-        """Do nothing."""
-
     def computed(self, key: str, step: int, sequence: int, payload: bytes) -> None:
         """Compare with the recorded message."""
         self.publish(key, payload)
-
-    def flush(self) -> None:
-        """Do nothing."""
 
     def close(self) -> None:
         """Raise ReplayError if recorded outputs are left."""

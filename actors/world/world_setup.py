@@ -94,7 +94,7 @@ class WorldSetup(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         return derived_seed(self.seed, robot, self.key)
 
 
-class WorldProcess(ProcessSetup, frozen=True, forbid_unknown_fields=True):
+class WorldProcess(ProcessSetup, frozen=True):
     """Process parameters of a world."""
 
     speed: float | None = None

@@ -6,7 +6,7 @@ import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from types import MappingProxyType
-from typing import Final
+from typing import Final, get_args
 
 import msgspec
 
@@ -40,25 +40,13 @@ def _parse_give(robot: str, *item: str) -> Order:
 _NAMES: Final = ("ROBOT", "SENDER")
 """Arguments that name a robot."""
 _VERB_SYNTAX: Final[Mapping[str, tuple[str, Callable[..., Order]]]] = MappingProxyType({
-    "kill": ("ROBOT", orders.Kill),
-    "freeze": ("ROBOT", orders.Freeze),
-    "thaw": ("ROBOT", orders.Thaw),
-    "restart": ("ROBOT", orders.Restart),
-    "move": ("ROBOT X Y HEADING", orders.Move),
+    **{one.__struct_config__.tag: (" ".join(one.__struct_fields__).upper(), one) for one in get_args(Order)},
     "jam": ("X Y RADIUS SECONDS", lambda x, y, radius, s: orders.StartJam(x, y, radius, seconds(s))),
-    "lose": ("ROBOT SENDER", orders.LoseFrame),
-    "obstacle": ("X Y RADIUS", orders.Obstacle),
-    "wall": ("X Y TO_X TO_Y", orders.Wall),
     "give": ("ROBOT X Y|JSON", _parse_give),
-    "close": ("X Y", orders.CloseDoor),
-    "open": ("X Y", orders.OpenDoor),
-    "pause": ("", orders.Pause),
-    "resume": ("", orders.Resume),
     "step": ("[N]", lambda steps=1: orders.Step(int(steps))),
     "speed": ("X|max", lambda factor: orders.Speed(_parse_factor(factor))),
-    "stop": ("", orders.Stop),
 })  # fmt: skip
-"""Arguments of each verb, and a function of their values that returns the order."""
+"""Arguments of each verb, usually the order's fields, and a function that returns the order."""
 VERBS: Final = tuple(_VERB_SYNTAX)
 
 

@@ -367,7 +367,7 @@ class _ChecksummedFile:
 
 
 class NullJournal:
-    """A journal that records nothing, for benchmarks and replays."""
+    """A journal that records nothing."""
 
     def received(self, key: str, step: int, sequence: int, payload: bytes) -> None:
         """Do nothing."""
