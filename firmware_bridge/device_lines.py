@@ -73,11 +73,8 @@ class PseudoTerminal:
     def write(self, data: bytes) -> None:
         """Send to the driver; bytes beyond the line's buffer are lost."""
         written = 0
-        try:
-            if data:
-                written = os.write(self._device, data)
-        except BlockingIOError:
-            pass
+        with suppress(BlockingIOError):
+            written = os.write(self._device, data)
         self.lost += len(data) - written
 
     def close(self) -> None:

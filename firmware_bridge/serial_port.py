@@ -1,9 +1,10 @@
-"""Serial ports, with an error message for each cause of failure."""
+"""Serial ports, with an error message for each cause of failure, and reports of failures."""
 
 import errno
 import importlib
 import os
 import select
+from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,6 +14,23 @@ from actors.runtime.errors import AcrcError
 
 _CHUNK: Final = 4096
 """Maximum bytes per read."""
+
+
+Say = Callable[[str], None]
+"""Writes a log line; does not block on the disk."""
+
+
+def changed_only(say: Say) -> Say:
+    """Return a function that passes on sentences that differ from the previous one, and no empty one."""
+    last = ""
+
+    def report(sentence: str) -> None:
+        nonlocal last
+        if sentence and sentence != last:
+            say(sentence)
+        last = sentence
+
+    return report
 
 
 class PortError(AcrcError):
@@ -92,8 +110,7 @@ class SerialPort:
 
     def fileno(self) -> int:
         """Return the file descriptor."""
-        number: int = self._port.fileno()
-        return number
+        return int(self._port.fileno())
 
     def close(self) -> None:
         """Close the port."""

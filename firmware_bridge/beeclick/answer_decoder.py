@@ -16,7 +16,7 @@ from typing import Annotated, Final
 
 from msgspec import Meta
 
-from actors.instant import Duration, Instant, milliseconds, seconds
+from actors.instant import Instant
 from actors.messages import (
     AccessFailure,
     BoardNote,
@@ -84,8 +84,6 @@ def power_setting(power_dbm: float) -> int:
 FIRST_CHANNEL: Final = 11
 """Channel with code 0."""
 _LAST_CHANNEL: Final = 26
-_Time = Annotated[Duration, Meta(ge=1, le=2**40)]
-_Number = Annotated[int, Meta(ge=1, le=10_000)]
 
 
 class BoardSettings(Settings, frozen=True):
@@ -115,57 +113,15 @@ class BoardSettings(Settings, frozen=True):
 
 
 class BeeClickParameters(Settings, frozen=True):
-    """Timeouts and limits of the link to a board."""
+    """Parameters of the link to a board that differ between lines."""
 
-    in_flight: Annotated[int, Meta(ge=1, le=6)] = 4
-    """Maximum number of unconfirmed packets on the board. Default: as the original host library
-    (AbstractComm.java); with nine the firmware confirms one that it never sent."""
-    transmit_queue: Annotated[int, Meta(ge=0, le=10_000)] = 7
-    """Maximum number of packets waiting behind the one being sent, on the board and here. Default: as in the
-    simulated radio (actors.radio.medium.state)."""
-    answer_timeout: _Time = seconds(1.0)
-    """Timeout of echoes and confirmations, µs. Default: the button blocks the board for 0.70 s, and four
-    packets take 0.17 s if each finds the channel busy until its last attempt."""
-    doubt: _Time = milliseconds(250)
-    """Time without an answer after which a SYNC is sent, µs; packets wait for its answer. Default: our
-    choice, above the 0.17 s of four packets in a busy channel."""
-    ring: int = 6
-    """Maximum number of unanswered commands, packets and SYNCs included. Default: the board's ring holds
-    seven, but seven answers after INFO would overflow the ring of answers and hang the board."""
-    sync_interval: _Time = milliseconds(80)
-    """Interval of SYNCs while bytes are received, µs. Default: recovery within 100 ms after noise; longer
-    than the 22 ms of an answer behind four packets."""
-    quick_syncs: _Number = 4
-    """Number of SYNCs at that interval without received bytes. Default: a board blocked by its button gets
-    five in 0.70 s; the seventh would overflow its ring of answers and hang it."""
-    slow_sync_interval: _Time = milliseconds(800)
-    """Interval of later SYNCs, µs. Default: slightly longer than the button blocks a board."""
-    noisy_sync_interval: _Time = milliseconds(320)
-    """Interval of SYNCs if the ring may be full and noise is received, µs. Default: own choice."""
-    deaf_sync_interval: _Time = seconds(10.0)
-    """Interval of SYNCs to a board that sends although its ring is full, µs. Default: own choice; a reset
-    board is found within that time, and the ring of a hanging one overflows once per minute."""
-    give_up: _Time = seconds(1.0)
-    """Time without an answer to SYNCs after which a board counts as silent and its packets as unconfirmed,
-    µs. Default: as answer_timeout."""
-    probe_interval: _Time = milliseconds(250)
-    """Time without an answer after which the board is probed, µs. Default: own choice; a board that restarted
-    or lost bytes is set up again within that and `doubt`."""
-    stall: _Time = milliseconds(50)
-    """Pause within a message after which it counts as truncated, µs. Default: own choice, above the 16 ms for
-    which USB adapters buffer bytes."""
-    filler: _Number = MAX_COMMAND_BYTES
+    filler: Annotated[int, Meta(ge=1, le=10_000)] = MAX_COMMAND_BYTES
     """Number of filler bytes before each SYNC. Default: enough to complete any unfinished command on the
     board; 2.8 ms on the line."""
     drop_bad_fcs: bool = True
     """Drop and count packets with a wrong frame check sequence, which were damaged on the line. Default: by
     the firmware's source, not tested with a board; if `bad_fcs` counts every packet of a real one, set it to
     False."""
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        if not self.in_flight < self.ring <= 7:
-            raise self.wrong("ring", f"from {self.in_flight + 1} to 7")
 
 
 DEFAULTS: Final = BeeClickParameters()

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 from enum import Enum
 from typing import Final
 
-from actors.instant import Duration, Instant
+from actors.instant import Duration, Instant, milliseconds, seconds
 from actors.messages import AccessFailure, FrameOverflow, FrameRefused, FrameSent, FrameUnconfirmed, LinkState
 from actors.radio.frame import size_fault
 from firmware_bridge.beeclick.answer_decoder import (
@@ -44,6 +44,43 @@ _FILLER: Final = b"\xff"
 """Byte that is neither a command type nor 00, after which the board would miss the SYNC."""
 _SPREAD: Final = 0x9E3779B1
 """2^32 divided by the golden ratio: odd, so that 2^32 packet numbers differ, and unlike typical data."""
+_MAX_IN_FLIGHT: Final = 4
+"""Maximum number of unconfirmed packets on the board: as the original host library (AbstractComm.java); with
+nine the firmware confirms one that it never sent."""
+_TRANSMIT_QUEUE: Final = 7
+"""Maximum number of packets waiting behind the one being sent, on the board and here: as in the simulated
+radio (actors.radio.medium.state)."""
+_ANSWER_TIMEOUT: Final = seconds(1.0)
+"""Timeout of echoes and confirmations: the button blocks the board for 0.70 s, and four packets take 0.17 s
+if each finds the channel busy until its last attempt."""
+_DOUBT: Final = milliseconds(250)
+"""Time without an answer after which a SYNC is sent; packets wait for its answer. Our choice, above the
+0.17 s of four packets in a busy channel."""
+_RING: Final = 6
+"""Maximum number of unanswered commands, packets and SYNCs included, above `_MAX_IN_FLIGHT`: the board's ring
+holds seven, but seven answers after INFO would overflow the ring of answers and hang the board."""
+_SYNC_INTERVAL: Final = milliseconds(80)
+"""Interval of SYNCs while bytes are received: recovery within 100 ms after noise; longer than the 22 ms of an
+answer behind four packets."""
+_QUICK_SYNCS: Final = 4
+"""Number of SYNCs at that interval without received bytes: a board blocked by its button gets five in 0.70 s;
+the seventh would overflow its ring of answers and hang it."""
+_SLOW_SYNC_INTERVAL: Final = milliseconds(800)
+"""Interval of later SYNCs: slightly longer than the button blocks a board."""
+_NOISY_SYNC_INTERVAL: Final = milliseconds(320)
+"""Interval of SYNCs if the ring may be full and noise is received; own choice."""
+_DEAF_SYNC_INTERVAL: Final = seconds(10.0)
+"""Interval of SYNCs to a board that sends although its ring is full; own choice: a reset board is found
+within that time, and the ring of a hanging one overflows once per minute."""
+_GIVE_UP: Final = seconds(1.0)
+"""Time without an answer to SYNCs after which a board counts as silent and its packets as unconfirmed; as
+`_ANSWER_TIMEOUT`."""
+_PROBE_INTERVAL: Final = milliseconds(250)
+"""Time without an answer after which the board is probed; own choice: a board that restarted or lost bytes is
+set up again within that and `_DOUBT`."""
+_STALL: Final = milliseconds(50)
+"""Pause within a message after which it counts as truncated; own choice, above the 16 ms for which USB
+adapters buffer bytes."""
 
 
 class LinkPhase(Enum):
@@ -55,12 +92,6 @@ class LinkPhase(Enum):
     SETTING = "setting"
     """Synchronised; address, channel and power not all confirmed."""
     READY = "ready"
-
-
-@dataclass(frozen=True)
-class _Packet:
-    tag: int
-    data: bytes
 
 
 @dataclass(frozen=True)
@@ -86,12 +117,12 @@ class BoardLink:
         self._reader = AnswerReader()
         self._setup = settings.commands()
         self._pending: deque[_PendingCommand] = deque()
-        self._queued: deque[_Packet] = deque()
+        self._queued: deque[tuple[int, bytes]] = deque()
         self._unsent_settings: deque[Setting] = deque()
         self._events: list[BoardEvent] = []
         self._packets = 0
         """Number of packets sent."""
-        self._pace = SyncPacing(parameters)
+        self._pace = SyncPacing()
         self._sync_started = self._received_at = self._answered_at = 0
         self._has_timed_out = False
         """True if all SYNCs have timed out; pending commands can then no longer be answered."""
@@ -112,7 +143,7 @@ class BoardLink:
         assert self.phase is LinkPhase.OFF, "lost() comes before another connect()"
         self._reader.reset()
         # It may be another board: allow a SYNC immediately.
-        self._pace = SyncPacing(self._p, now - self._p.sync_interval)
+        self._pace = SyncPacing(now - _SYNC_INTERVAL)
         self._status.unconfirmed_packets = 0
         self._begin_sync(now)
 
@@ -131,10 +162,10 @@ class BoardLink:
         """
         if fault := size_fault(len(data)):
             self._add_outcome(FrameRefused(now, tag, fault), "refused")
-        elif len(self._queued) + self.in_flight > self._p.transmit_queue:
+        elif len(self._queued) + self.in_flight > _TRANSMIT_QUEUE:
             self._add_outcome(FrameOverflow(now, tag), "overflowed")
         else:
-            self._queued.append(_Packet(tag, data))
+            self._queued.append((tag, data))
         return self._take_events()
 
     def forget(self) -> int:
@@ -168,10 +199,10 @@ class BoardLink:
         while self._unsent_settings:
             out += self._send_setting(now, self._unsent_settings.popleft())
         if self.phase is LinkPhase.READY:
-            max_in_flight = self._p.in_flight if self._status.is_up else 1
+            max_in_flight = _MAX_IN_FLIGHT if self._status.is_up else 1
             while self._queued and self.in_flight < max_in_flight and self._pace.has_room:
-                out += self._send_packet(now, self._queued.popleft())
-            if not self._pending and now >= self._answered_at + self._p.probe_interval:
+                out += self._send_packet(now, *self._queued.popleft())
+            if not self._pending and now >= self._answered_at + _PROBE_INTERVAL:
                 self.counters["probes"] += 1
                 out += self._send_setting(now, self._setup[0])
             if now >= self._sync_due():
@@ -183,12 +214,12 @@ class BoardLink:
         if self.phase is LinkPhase.OFF:
             return None
         if self.phase is LinkPhase.SYNCING:
-            give_up = [] if self._has_timed_out else [self._sync_started + self._p.give_up]
+            give_up = [] if self._has_timed_out else [self._sync_started + _GIVE_UP]
             return Instant(min([self._sync_due(), *give_up]))
         times = [self._deadline(), self._sync_due()] if self._pending else []
-        times = times or [self._answered_at + self._p.probe_interval]
+        times = times or [self._answered_at + _PROBE_INTERVAL]
         if self._reader.is_partial:
-            times.append(self._received_at + self._p.stall)
+            times.append(self._received_at + _STALL)
         return Instant(min(times))
 
     # --- input from the board -----------------------------------------------------------------------------
@@ -234,7 +265,11 @@ class BoardLink:
         self._answered_at = now
         self._pace.unanswered, self._pace.unsolicited = len(self._pending), 0
         if isinstance(answer, PacketConfirmation):
-            self._handle_confirmation(now, pending.tag, answer.failed)
+            if answer.failed:
+                self._add_outcome(AccessFailure(now, pending.tag), "failed")
+            else:
+                self._add_outcome(FrameSent(now, pending.tag), "sent")
+            self._status.confirmed(now, self.phase is LinkPhase.READY)
         elif isinstance(answer, SyncAnswer):
             self._handle_sync_answer(now, skipped=index > 0)
         elif skipped_setting:
@@ -242,12 +277,6 @@ class BoardLink:
         elif self.phase is LinkPhase.SETTING and not self._unsent_settings and not self._pending:
             self.phase = LinkPhase.READY
             self._status.ready(now)
-
-    def _handle_confirmation(self, now: Instant, tag: int, failed: bool) -> None:
-        self._add_outcome(
-            AccessFailure(now, tag) if failed else FrameSent(now, tag), "failed" if failed else "sent"
-        )
-        self._status.confirmed(now, self.phase is LinkPhase.READY)
 
     def _handle_sync_answer(self, now: Instant, skipped: bool) -> None:
         if self.phase is LinkPhase.READY:
@@ -277,12 +306,12 @@ class BoardLink:
 
     def _check_timeouts(self, now: Instant) -> bool:
         """Handle timeouts; return True if the reader has to search the buffered bytes."""
-        stalled = self._reader.is_partial and now >= self._received_at + self._p.stall
+        stalled = self._reader.is_partial and now >= self._received_at + _STALL
         if stalled:
             self._reader.search()
             self._handle_noise(now, "stalled")
         if self.phase is LinkPhase.SYNCING:
-            if not self._has_timed_out and now >= self._sync_started + self._p.give_up:
+            if not self._has_timed_out and now >= self._sync_started + _GIVE_UP:
                 self._has_timed_out = True
                 if self.in_flight:
                     self._status.packet_timed_out(now)
@@ -298,7 +327,7 @@ class BoardLink:
 
     def _deadline(self) -> int:
         """Return the deadline of the oldest pending command; shorter in set-up, without packets in flight."""
-        timeout_us = self._p.doubt if self.phase is LinkPhase.SETTING else self._p.answer_timeout
+        timeout_us = _DOUBT if self.phase is LinkPhase.SETTING else _ANSWER_TIMEOUT
         return self._pending[0].since + timeout_us
 
     # --- output to the board --------------------------------------------------------------------------
@@ -320,13 +349,13 @@ class BoardLink:
 
     def _sync_due(self) -> int:
         """Return when the next SYNC may be sent; for a ready board, after an overdue answer."""
-        due = self._pace.due(not self._reader.aligned)
+        due = self._pace.last + self._pace.pause(searching=not self._reader.aligned)
         if self.phase is LinkPhase.SYNCING:
             return due
         if not self._pending or not self._pace.has_room or self.phase is LinkPhase.SETTING:
             return 2**62
         since = self._pace.last if self._is_sync_early else self._pending[0].since
-        return max(due, since + self._p.doubt)
+        return max(due, since + _DOUBT)
 
     def _sync(self, now: Instant) -> bytes:
         if not self._is_sync_pending():
@@ -345,12 +374,12 @@ class BoardLink:
         self._pace.unanswered += 1
         return encode_command(command)
 
-    def _send_packet(self, now: Instant, packet: _Packet) -> bytes:
+    def _send_packet(self, now: Instant, tag: int, data: bytes) -> bytes:
         number = (self._packets * _SPREAD + self.settings.address) % PACKET_NUMBERS
         self._packets += 1
-        self._pending.append(_PendingCommand(None, now, number, packet.tag))
+        self._pending.append(_PendingCommand(None, now, number, tag))
         self._pace.unanswered += 1
-        return encode_command(SendPacket(number, packet.data))
+        return encode_command(SendPacket(number, data))
 
     def _was_used(self, number: int) -> bool:
         """Return whether a packet had that number; the numbers of 2^32 packets differ."""
@@ -380,7 +409,6 @@ class BoardLink:
 class SyncPacing:
     """Timing of SYNCs, by the commands and bytes since the last answer."""
 
-    parameters: BeeClickParameters
     last: int = 0
     """Time of the last SYNC."""
     syncs_unheard: int = 0
@@ -393,23 +421,19 @@ class SyncPacing:
     @property
     def has_room(self) -> bool:
         """True if the board's ring has room for another command."""
-        return self.unanswered < self.parameters.ring
+        return self.unanswered < _RING
 
-    def due(self, searching: bool) -> Instant:
-        """Return when the next SYNC may be sent; `searching`: received bytes are invalid."""
-        return Instant(self.last + self._pause(searching))
-
-    def _pause(self, searching: bool) -> Duration:
-        p = self.parameters
+    def pause(self, searching: bool) -> Duration:
+        """Return the minimum time between SYNCs; `searching`: received bytes are invalid."""
         if self.has_room:
-            return p.sync_interval if self.syncs_unheard < p.quick_syncs else p.slow_sync_interval
-        if self.unanswered == p.ring:  # one slot is left for a SYNC
-            return p.slow_sync_interval
+            return _SYNC_INTERVAL if self.syncs_unheard < _QUICK_SYNCS else _SLOW_SYNC_INTERVAL
+        if self.unanswered == _RING:  # one slot is left for a SYNC
+            return _SLOW_SYNC_INTERVAL
         if self.unsolicited > 1 and not searching:
-            return p.deaf_sync_interval
+            return _DEAF_SYNC_INTERVAL
         if self.syncs_unheard:
-            return p.slow_sync_interval
-        return p.noisy_sync_interval if searching else p.sync_interval
+            return _SLOW_SYNC_INTERVAL
+        return _NOISY_SYNC_INTERVAL if searching else _SYNC_INTERVAL
 
 
 _MAX_UNCONFIRMED: Final = 2

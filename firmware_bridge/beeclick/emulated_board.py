@@ -8,10 +8,9 @@ answers (see `device_lines.LineNoise`). The radio preset models the receiver bei
 import struct
 from collections import deque
 from collections.abc import Callable
-from dataclasses import dataclass, field
 from typing import Final
 
-from actors.instant import Duration, Instant, milliseconds, seconds
+from actors.instant import Instant, milliseconds, seconds
 from actors.messages import FRAME_DATA_LIMIT, FrameSent, RadioEvent
 from actors.radio.frame import DataFrame
 from firmware_bridge.beeclick.answer_decoder import actual_power
@@ -44,36 +43,27 @@ _BYTES_PER_STEP: Final = 9
 _MAX_SENTENCE_BYTES: Final = 254
 
 
-@dataclass(frozen=True)
-class BoardParameters:
-    """Sensor values and durations of a board."""
-
-    temperature: int = 215
-    """Tenths of a degree Celsius; -397 or 6156: no sensor. Default: room temperature."""
-    humidity: int = 400
-    """Relative humidity, tenths of a percent; -20: no sensor. Default: a room."""
-    first_reading: Duration = field(default=seconds(1.37))
-    """Time from start to first temperature, µs. Default: 102 ticks of 10 ms plus a reading
-    (SensorPublisher.cpp, SHT1x.cpp)."""
-    reading: Duration = field(default=seconds(0.35))
-    """Duration of one reading, µs. Default: 27 ms reset, 5 ms command, 320 ms measurement (SHT1x.cpp)."""
-    channel_change: Duration = field(default=milliseconds(0.2))
-    """Duration of a channel change, µs, during which commands and radio wait. Default: the wait after the
-    reset of the RF state machine (MRF24J40.cpp)."""
-    rest: Duration = field(default=seconds(1.01))
-    """Pause between a humidity and the next reading, µs. Default: 101 ticks."""
-
-
-DEFAULTS: Final = BoardParameters()
-"""A board at room temperature."""
+_TEMPERATURE: Final = 215
+"""Tenths of a degree Celsius: room temperature."""
+_HUMIDITY: Final = 400
+"""Relative humidity, tenths of a percent: that of a room."""
+_FIRST_READING: Final = seconds(1.37)
+"""Time from start to first temperature: 102 ticks of 10 ms plus a reading (SensorPublisher.cpp,
+SHT1x.cpp)."""
+_READING: Final = seconds(0.35)
+"""Duration of one reading: 27 ms reset, 5 ms command, 320 ms measurement (SHT1x.cpp)."""
+_CHANNEL_CHANGE: Final = milliseconds(0.2)
+"""Duration of a channel change, during which commands and radio wait: the wait after the reset of the RF
+state machine (MRF24J40.cpp)."""
+_REST: Final = seconds(1.01)
+"""Pause between a humidity and the next reading: 101 ticks."""
 
 
 class EmulatedBoard:
     """Board. `take`, `run`: serial line; `finish_frame`, `receive_frame`: medium; others: user actions."""
 
-    def __init__(self, radio: DeviceMedium, now: Instant, parameters: BoardParameters = DEFAULTS) -> None:
+    def __init__(self, radio: DeviceMedium, now: Instant) -> None:
         self._radio = radio
-        self._p = parameters
         self.counters = dict.fromkeys(("transmitted", "heard", "lost", "crashes", "reboots"), 0)
         self._start(now)
 
@@ -98,7 +88,7 @@ class EmulatedBoard:
         """End of a channel change, and the requested code."""
         self._deferred: list[Answer | bool] = []
         """Deferred radio events: a received packet, or whether a frame was sent."""
-        self._next_reading: tuple[int, bool] = (now + self._p.first_reading, True)
+        self._next_reading: tuple[int, bool] = (now + _FIRST_READING, True)
 
     # --- serial line ----------------------------------------------------------------------------------------
 
@@ -143,7 +133,7 @@ class EmulatedBoard:
     def press(self, now: Instant) -> None:
         """Press the button: the board is busy for two readings, then sends INFO."""
         if self._button_until is None:
-            self._button_until = Instant(now + 2 * self._p.reading)
+            self._button_until = Instant(now + 2 * _READING)
 
     def gps(self, now: Instant, line: bytes) -> None:
         """Accept a GPS line without its line end; only RMC sentences are passed on."""
@@ -188,32 +178,25 @@ class EmulatedBoard:
             self._say(now, BoardInfo(self._info_text()))
             self._handle_deferred(now)
         if self._channel_change is not None and now >= self._channel_change[0]:
-            self._finish_channel_change(now, self._channel_change[1])
+            code, self._channel_change = self._channel_change[1], None
+            self.channel = code & 0x0F
+            self._say(now, SetChannel(code))
+            self.commands.advance()
+            self._handle_deferred(now)
         if self._fails_at is not None and now >= self._fails_at and not self._busy:
             self._fails_at = None
             self._handle_radio_event(now, False)
         self._receive(now)
         at, is_temperature = self._next_reading
         if now >= at:
-            p = self._p
-            self._say(
-                now, TemperatureReading(p.temperature) if is_temperature else HumidityReading(p.humidity)
-            )
-            pause = p.reading if is_temperature else p.rest + p.reading
+            self._say(now, TemperatureReading(_TEMPERATURE) if is_temperature else HumidityReading(_HUMIDITY))
+            pause = _READING if is_temperature else _REST + _READING
             self._next_reading = (at + pause, not is_temperature)
 
     @property
     def _busy(self) -> bool:
         """True while the button or a channel change is processed; commands and radio wait."""
         return self._button_until is not None or self._channel_change is not None
-
-    def _finish_channel_change(self, now: Instant, code: int) -> None:
-        """Finish a channel change."""
-        self._channel_change = None
-        self.channel = code & 0x0F
-        self._say(now, SetChannel(code))
-        self.commands.advance()
-        self._handle_deferred(now)
 
     def _handle_deferred(self, now: Instant) -> None:
         """Handle waiting radio events and commands, unless the board is still busy."""
@@ -228,7 +211,7 @@ class EmulatedBoard:
         return (
             f"txCount: {self.counters['transmitted']}\nrxCount: {self.counters['heard']}\n"
             f"panId: {self.pan:04x}\nsAddr: {self.address:04x}\nchannelNo: {self.channel}\nmainCycles: 0\n"
-            f"temperature: {self._p.temperature}\nhumidity: {self._p.humidity}\n"
+            f"temperature: {_TEMPERATURE}\nhumidity: {_HUMIDITY}\n"
         ).encode()
 
     def _receive(self, now: Instant) -> None:
@@ -270,7 +253,7 @@ class EmulatedBoard:
                     self._send(now, command)
                 return
             if command[0] == SET_CHANNEL:
-                self._channel_change = (Instant(now + self._p.channel_change), command[1])
+                self._channel_change = (Instant(now + _CHANNEL_CHANGE), command[1])
                 return
             self._execute(now, command)
             self.commands.advance()

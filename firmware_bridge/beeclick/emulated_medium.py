@@ -5,7 +5,7 @@ immediate answers, a channel and a transmit power per board.
 """
 
 from collections import Counter
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from typing import Final, Protocol
 
 import msgspec
@@ -140,7 +140,11 @@ class EmulatedMedium:
 
     def wake(self) -> Instant | None:
         """Return the time of the next event on the medium or in a device; None: none."""
-        return min(self._wake_times(), default=None)
+        times = (
+            *(channel.wake for channel in self._channels.values()),
+            *(device.wake() for device in self.devices),
+        )
+        return min((time for time in times if time is not None), default=None)
 
     def advance(self, until: Instant) -> None:
         """Simulate all events up to `until`; output of boards is returned by their `run`."""
@@ -168,14 +172,6 @@ class EmulatedMedium:
             for robot, own in FrameCounters(len(robots)).by_robot(robots, counters).items():
                 total[robot].update(own)
         return {robot: dict(counts) for robot, counts in total.items()}
-
-    def _wake_times(self) -> Iterator[Instant]:
-        for time in (
-            *(channel.wake for channel in self._channels.values()),
-            *(d.wake() for d in self.devices),
-        ):
-            if time is not None:
-                yield time
 
     def _channel(self, code: int) -> _Channel:
         if code not in self._channels:

@@ -124,21 +124,19 @@ class _Counters:
 
 
 class EmulatedKobuki:
-    """One base, switched on at `started`; random numbers come from `generator`."""
+    """One base, switched on at START; random numbers come from `generator`."""
 
     def __init__(
         self,
         body: Body,
         generator: Generator,
         parameters: BaseParameters = BaseParameters(),
-        started: Instant = START,
     ) -> None:
         self._body = body
         self._generator = generator
         self._p = parameters
-        self._started = started
         self._reader = FrameReader(decode_commands)
-        self._now = started
+        self._now = START
         self._feedbacks = 0
         self._pose = body.truth().pose
         errors = parameters.errors
@@ -176,11 +174,13 @@ class EmulatedKobuki:
         self._body.advance(now)
         truth = self._body.truth()
         period = self._p.errors.feedback
-        while self._started + (self._feedbacks + 1) * period <= now:
+        while (self._feedbacks + 1) * period <= now:
             self._feedbacks += 1
-            at = Instant(self._started + self._feedbacks * period)
+            at = Instant(self._feedbacks * period)
             self._measure(truth, at, now)
-            self._send_feedback(at)
+            data = encode_frame(b"".join(map(encode_feedback, self._packets(at))))
+            if not self.faults.silent:
+                self._line.append((at, data))  # at most 164 bytes take 14 ms: the previous one has been sent
         self._measure(truth, now, now)
         return self._sent_bytes(now)
 
@@ -229,12 +229,6 @@ class EmulatedKobuki:
 
     # --- feedback ---
 
-    def _send_feedback(self, at: Instant) -> None:
-        """Send one feedback."""
-        data = encode_frame(b"".join(map(encode_feedback, self._packets(at))))
-        if not self.faults.silent:
-            self._line.append((at, data))  # at most 164 bytes take 14 ms: the previous feedback has been sent
-
     def _packets(self, at: Instant) -> list[FeedbackPacket]:
         per_tick = self._p.errors.tick_um * 1e-6
         basic = BasicSensorData(
@@ -267,7 +261,7 @@ class EmulatedKobuki:
 
     def _stamp(self, at: Instant) -> int:
         """Return the base's clock, ms."""
-        correct_ms = self._p.stamp_ms + (at - self._started) // 1000
+        correct_ms = self._p.stamp_ms + at // 1000
         if self.faults.stamp == "works":
             self._last_stamp = correct_ms
         else:

@@ -196,7 +196,7 @@ class KobukiOdometry:
     def _restart(self, feedback: BaseFeedback) -> None:
         """Restart from this feedback, ignoring motion before it."""
         self._last, self._ignored = feedback, None
-        self._v = self._omega = 0.0
+        self.set_standing()
         self._reset_gyro_check()
 
     def _reset_gyro_check(self) -> None:

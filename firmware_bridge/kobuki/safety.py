@@ -60,10 +60,6 @@ class VelocityRamp:
         self.v = 0.0
         self.omega = 0.0
 
-    def halt(self, now: Instant) -> None:
-        """Set the velocity to zero."""
-        self.set(now, 0.0, 0.0)
-
     def set(self, now: Instant, v: float, omega: float) -> None:
         """Set the velocity without limits."""
         self._at, self.v, self.omega = now, v, omega
@@ -203,26 +199,24 @@ class SafetyStop:
 
         Each call advances the ramp, so call it once per base control.
         """
-        stops = self._active_stops(now)
+        causes = self._causes(now)
+        self._since = {cause: self._since.get(cause, now) for cause in causes}
+        stops = tuple(
+            StopCause(cause, self._since[cause], causes[cause]) for cause in HoldCause if cause in causes
+        )
         standing = any(stop.cause not in _BACKWARD_ONLY for stop in stops)
         if standing or self._command is None:
-            self._ramp.halt(now)
+            self._ramp.set(now, 0.0, 0.0)
             return AllowedMotion(0.0, 0.0, stops)
-        v, omega = self._limit_velocity(self._command.v, self._command.omega)
+        _, _, v, omega = self._command
+        excess = max(1.0, abs(v) / _SPEED, abs(omega) / _TURN_RATE)
+        v, omega = v / excess, omega / excess  # on the same arc
         if not stops:
             return AllowedMotion(*self._ramp.towards(now, v, omega), stops)
         ramped = self._ramp.towards(now, *_backward_only(v, omega))
         v, omega = _backward_only(*ramped)  # stop forward motion immediately, without a ramp
         self._ramp.set(now, v, omega)
         return AllowedMotion(v, omega, stops)
-
-    def _active_stops(self, now: Instant) -> tuple[StopCause, ...]:
-        """Return all active causes, in the order of HoldCause."""
-        causes = self._causes(now)
-        self._since = {cause: self._since.get(cause, now) for cause in causes}
-        return tuple(
-            StopCause(cause, self._since[cause], causes[cause]) for cause in HoldCause if cause in causes
-        )
 
     def _causes(self, now: Instant) -> dict[HoldCause, int]:
         """Return active causes with their sensor's bits."""
@@ -266,11 +260,6 @@ class SafetyStop:
             return False
         turning = inertial is not None and abs(inertial.rate_cdeg) > _STILL_RATE_CDEG
         return max(map(abs, ticks_between(self._basic, basic))) <= _STILL_TICKS and not turning
-
-    def _limit_velocity(self, v: float, omega: float) -> tuple[float, float]:
-        """Return the velocity scaled to the base's limits, on the same arc."""
-        share = max(1.0, abs(v) / _SPEED, abs(omega) / _TURN_RATE)
-        return v / share, omega / share
 
 
 def _backward_only(v: float, omega: float) -> tuple[float, float]:

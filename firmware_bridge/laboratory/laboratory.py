@@ -31,7 +31,7 @@ from actors.world.uncertainty import with_drift
 from actors.world.world_setup import Participants, WorldSetup
 from firmware_bridge.beeclick.answer_decoder import BoardSettings
 from firmware_bridge.beeclick.emulated_board import EmulatedBoard
-from firmware_bridge.beeclick.emulated_medium import create_medium
+from firmware_bridge.beeclick.emulated_medium import BodyState, create_medium
 from firmware_bridge.device_lines import (
     BASE,
     DEVICES,
@@ -145,7 +145,13 @@ class LaboratoryScanners:
         self, grid: OccupancyGrid, models: Sequence[RobotModel], generators: Sequence[Generator]
     ) -> None:
         """Create them; `generators`: of the range noise, one per robot."""
-        lidars = [_with_lidar(model) for model in models]
+        lidars = [
+            model.with_sensor(
+                field_of_view_deg=360.0, rays=_RAYS, rate=LIDAR.turns,
+                range_min=LIDAR.range_min, range_max=LIDAR.range_max,
+            )
+            for model in models
+        ]  # fmt: skip
         self._sensors = RangeSensors(grid, lidars, generators)
         self._first = lidars[0].sensor.first_angle if lidars else 0.0
         self.poses: Floats = np.zeros((len(models), 3))
@@ -167,16 +173,6 @@ class LaboratoryScanners:
             return np.where(echoes_mm == NO_ECHO_MM, np.inf, echoes_mm / 1000)
 
         return ranges_at
-
-
-def _with_lidar(model: RobotModel) -> RobotModel:
-    return model.with_sensor(
-        field_of_view_deg=360.0,
-        rays=_RAYS,
-        range_min=LIDAR.range_min,
-        range_max=LIDAR.range_max,
-        rate=LIDAR.turns,
-    )
 
 
 class RobotBody:
@@ -255,20 +251,11 @@ class Laboratory:
             robot.id: self._hardware(index, setup) for index, robot in enumerate(world.robots)
         }
         """Devices by robot."""
-        self._now = self._instant = START
+        self.now = self.instant = START
+        """Time of the bodies, and of the boards, which are at most a sub-step ahead."""
         self._travelled = np.zeros(len(models))
         self._positions = bytearray()
         self._update_surroundings()
-
-    @property
-    def now(self) -> Instant:
-        """Time of the bodies."""
-        return self._now
-
-    @property
-    def instant(self) -> Instant:
-        """Time of the boards, at most a sub-step later."""
-        return self._instant
 
     @property
     def wake(self) -> Instant:
@@ -303,9 +290,9 @@ class Laboratory:
         if port.device == RADIO:
             robot.radio.take(now, data)
         elif port.device == BASE:
-            robot.base.take(self._now, data)
+            robot.base.take(self.now, data)
         else:
-            robot.lidar.take(self._now, data)
+            robot.lidar.take(self.now, data)
 
     def advance(self, until: Instant, out: Out) -> None:
         """Advance to `until`; pass the devices' bytes to `out`."""
@@ -313,45 +300,45 @@ class Laboratory:
             self.medium.advance(self._due)
             self._move()
             for name, robot in self.robots.items():
-                out(DevicePort(name, BASE), robot.base.run(self._now))
-                out(DevicePort(name, RANGE), robot.lidar.run(self._now))
-        self._instant = until
+                out(DevicePort(name, BASE), robot.base.run(self.now))
+                out(DevicePort(name, RANGE), robot.lidar.run(self.now))
+        self.instant = until
         self.medium.advance(until)
         for name, robot in self.robots.items():
             out(DevicePort(name, RADIO), robot.radio.run(until))
 
     @property
     def _due(self) -> Instant:
-        return Instant(self._now + SUBSTEP)
+        return Instant(self.now + SUBSTEP)
 
     def _move(self) -> None:
         for robot in self.robots.values():
-            robot.body.hold(self._now)
-        self._bodies.move(self._now, SUBSTEP)
-        self._now = self._due
+            robot.body.hold(self.now)
+        self._bodies.move(self.now, SUBSTEP)
+        self.now = self._due
         before = self._scanners.poses[:, :2].copy()
         self._update_surroundings()
         self._travelled += arrays.hypot(*(self._scanners.poses[:, :2] - before).T)
 
     def _update_surroundings(self) -> None:
         """Execute orders at the start of a sub-step, and update medium and scanners."""
-        self._orders.begin(self._now)
+        self._orders.begin(self.now)
         effects = self._orders.effects
-        self.medium.jam(self._now, effects.jams)
+        self.medium.jam(self.now, effects.jams)
         for loss in effects.losses:
             self.medium.withhold(self._index(loss.sender), self._index(loss.robot))
         states = [self._bodies.truth(index) for index in range(len(self.robots))]
-        self.medium.set_states(self._now, states)
+        self.medium.set_states(self.now, states)
         self._scanners.set_state([state[:3] for state in states], self._bodies.obstacles)
-        if not self._now % SAMPLE:
+        if not self.now % SAMPLE:
             self._positions += self._scanners.poses[:, :2].astype("<f4").tobytes()
         if self._batteries.exist:
             self._discharge(states)
 
-    def _discharge(self, states: Sequence[tuple[float, float, float, float, float, float]]) -> None:
+    def _discharge(self, states: Sequence[BodyState]) -> None:
         """Discharge the batteries by the last sub-step, without airtimes, and set the bases' voltages."""
-        if self._now:
-            self._batteries.end(self._now, self._bodies.truth, (0,) * len(states))
+        if self.now:
+            self._batteries.end(self.now, self._bodies.truth, (0,) * len(states))
         truths = [
             RobotTruth(name, *state, stepping=True, powered=True, transmits=0)
             for name, state in zip(self.robots, states, strict=True)

@@ -36,12 +36,11 @@ from firmware_bridge.onboard.vehicle import (
     LidarDevice,
     MotionUnknownError,
     RangeDevice,
-    Say,
     TurtleBot,
 )
 from firmware_bridge.range_sensors.depth import CameraFeed, DepthScanner, OpenNICamera
 from firmware_bridge.range_sensors.rplidar import Rplidar
-from firmware_bridge.serial_port import KOBUKI, RPLIDAR, SerialPort
+from firmware_bridge.serial_port import KOBUKI, RPLIDAR, Say, SerialPort
 
 
 def create_turtlebot(setup: BaseSetup, clock: Clock, say: Say) -> TurtleBot:
@@ -85,7 +84,7 @@ class Base:
         core = self.core
         previous_handler = signal.signal(signal.SIGTERM, self._stop)
         try:
-            run_event_loop(shell, bus, core, self, self._clock, lambda: core.wake, self._is_due)
+            run_event_loop(shell, bus, core, self, self._clock, self._is_due)
         except AcrcError as error:
             if self._pose_writer is not None and isinstance(error, MotionUnknownError):
                 self._vehicle.close()
@@ -97,11 +96,6 @@ class Base:
                 self._pose_writer.close()
             self._log.close()
             signal.signal(signal.SIGTERM, previous_handler)
-
-    @property
-    def wake(self) -> Instant | None:
-        """None: devices have no deadlines."""
-        return None
 
     def descriptors(self) -> Sequence[int]:
         """Return the descriptors to wait for."""

@@ -48,7 +48,7 @@ from actors.runtime.process import ActorProcess, run_actor, run_note
 from actors.runtime.process_setup import read_setup, setup_parser
 from actors.runtime.shell import Shell
 from actors.runtime.zenoh_bus import SelectableBus
-from firmware_bridge.beeclick.answer_decoder import BoardEvent, PacketOutcome
+from firmware_bridge.beeclick.answer_decoder import BoardEvent
 from firmware_bridge.beeclick.board_link import BoardLink
 from firmware_bridge.device_lines import TransceiverLink
 from firmware_bridge.onboard.device_loop import (
@@ -180,16 +180,13 @@ class BridgeCore(TimedCore):
                 case FrameReceived():
                     self._add_event(event)
                 case FrameSent() | AccessFailure() | FrameOverflow() | FrameRefused() | FrameUnconfirmed():
-                    self._add_outcome(event)
+                    tag = self._tags.pop(event.tag, None)
+                    if tag is None:  # a frame of the epoch before
+                        self.forgotten_events += 1
+                    else:
+                        self._add_event(msgspec.structs.replace(event, tag=tag))
                 case _:
                     self._notes.append(event)
-
-    def _add_outcome(self, outcome: PacketOutcome) -> None:
-        tag = self._tags.pop(outcome.tag, None)
-        if tag is None:  # a frame of the epoch before
-            self.forgotten_events += 1
-        else:
-            self._add_event(msgspec.structs.replace(outcome, tag=tag))
 
     def _add_event(self, event: RadioEvent) -> None:
         if len(self._events) >= MAX_EVENTS:
@@ -213,14 +210,9 @@ class Bridge:
         """Run until the base ends the run."""
         core = self.core
         try:
-            run_event_loop(shell, bus, core, self, self._clock, lambda: None, lambda: core.has_news)
+            run_event_loop(shell, bus, core, self, self._clock, lambda: core.has_news)
         finally:
             self._line.close()
-
-    @property
-    def wake(self) -> Instant | None:
-        """Time of the next frame or action of the link."""
-        return self.core.wake
 
     def descriptors(self) -> Sequence[int]:
         """Return the descriptors to wait for."""

@@ -59,12 +59,6 @@ class Hypothesis(NamedTuple):
     late_us: int = 0
 
 
-def load_kernels() -> None:
-    """Compile or load the kernels before the robot drives; some seconds without a cache."""
-    direction(np.zeros(1))
-    arrays.hypot(np.zeros(1), np.zeros(1))
-
-
 def chosen_samples(sweep: SensorSweep, chosen: Flags | slice) -> SensorSweep:
     """Return some samples of a sweep."""
     return SensorSweep(sweep.stamps[chosen], sweep.angles[chosen], sweep.ranges[chosen])
@@ -105,9 +99,9 @@ def distances(points: NDArray[np.complex128], room: NDArray[np.complex128]) -> F
     return nearest
 
 
-def sectors(chosen: Flags, count: int = 12) -> int:
-    """Return the number of equal parts of the sweep with at least two chosen samples."""
-    parts = np.array_split(chosen, count)
+def sectors(chosen: Flags) -> int:
+    """Return the number of sectors, equal parts of the sweep, with at least two chosen samples."""
+    parts = np.array_split(chosen, _SECTORS)
     return sum(np.count_nonzero(part) >= 2 for part in parts)
 
 
@@ -140,8 +134,9 @@ _MIN_EXPLAINED: Final = 0.5
 """Minimum share of the points outside of the room that it must explain; the others may be newly visible."""
 _MAX_WORSE_SHARE: Final = 0.2
 """Maximum number of points that it fits worse, relative to those."""
+_SECTORS: Final = 12
 _MIN_SECTORS: Final = 3
-"""Minimum number of sectors, of twelve, with such points."""
+"""Minimum number of sectors with such points."""
 _CONFIRMATIONS: Final = 2
 _CONTACT_DISTANCE: Final = 0.3
 """Distance from the body's centre of obstacles that may be in contact, m: radius plus a decimetre. Own
@@ -180,7 +175,9 @@ class ScanChecks:
 
     def __init__(self, mount: Pose) -> None:
         """Create it; `mount`: pose of the range sensor on the body."""
-        load_kernels()
+        # Compile or load the kernels before the robot drives; some seconds without a cache.
+        direction(np.zeros(1))
+        arrays.hypot(np.zeros(1), np.zeros(1))
         self._mount = mount
         self._sweeps: deque[SensorSweep] = deque()
         """Echoes only."""

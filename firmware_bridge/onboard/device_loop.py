@@ -17,7 +17,7 @@ from actors.runtime.shell import Shell
 from actors.runtime.zenoh_bus import SelectableBus
 from actors.task.loading import TaskSetup
 from firmware_bridge.beeclick.answer_decoder import BoardSettings
-from firmware_bridge.serial_port import PortError, SerialPort
+from firmware_bridge.serial_port import PortError, Say, SerialPort, changed_only
 
 OPENNI: Final = "openni"
 """Value of `range` for a depth camera, which is found without a port."""
@@ -101,6 +101,11 @@ class TimedCore(ABC):
         expected = self._expected
         return () if expected is None or expected.key in have else (expected,)
 
+    @property
+    @abstractmethod
+    def wake(self) -> Instant | None:
+        """Time of the next action without a message; None: none."""
+
     @abstractmethod
     def listens(self) -> Sequence[Address]:
         """Return the addresses of incoming messages."""
@@ -119,10 +124,6 @@ class ServedDevices(Protocol):
     def serve(self, now: Instant) -> None:
         """Exchange bytes with the devices; called at least every `LONGEST_WAIT`."""
 
-    @property
-    def wake(self) -> Instant | None:
-        """Time of the next call of `serve` if nothing is received."""
-
 
 LONGEST_WAIT = 0.02
 """Maximum wait, s; a Kobuki needs a command per feedback, 50 per second."""
@@ -134,16 +135,14 @@ def run_event_loop(
     core: TimedCore,
     devices: ServedDevices,
     clock: Clock,
-    wake: Callable[[], Instant | None],
     timely: Callable[[], bool],
 ) -> None:
     """Run the event loop until the core has finished.
 
-    `wake`: time of the next advance without a message; `timely`: returns whether it is due.
+    `timely`: returns whether an advance without a message is due.
     """
     while not core.finished:
-        due = [instant for instant in (wake(), devices.wake) if instant is not None]
-        patience = min(LONGEST_WAIT, clock.seconds_until(min(due) if due else None))
+        patience = min(LONGEST_WAIT, clock.seconds_until(core.wake))
         select.select([bus.fileno(), *devices.descriptors()], [], [], patience)
         core.now = clock.now()
         devices.serve(core.now)
@@ -166,14 +165,13 @@ R = TypeVar("R")
 class ReconnectingPort(Generic[P]):
     """A port that is reopened after a loss."""
 
-    def __init__(self, open_port: Callable[[], P], say: Callable[[str], None]) -> None:
+    def __init__(self, open_port: Callable[[], P], say: Say) -> None:
         """Create it, closed; `say`: called once with each new cause of failure."""
         self.port: P | None = None
         """A new object after each opening; None while closed."""
         self._open = open_port
-        self._tell = say
+        self._say = changed_only(say)
         self._retry_at = Instant(0)
-        self._said = ""
 
     def descriptors(self) -> Sequence[int]:
         """Return the descriptors to wait for."""
@@ -189,7 +187,7 @@ class ReconnectingPort(Generic[P]):
         except PortError as error:
             self._say(str(error))
             return False
-        self._said = ""
+        self._say("")
         return True
 
     def exchange(self, use: Callable[[P], R]) -> R | None:
@@ -208,11 +206,6 @@ class ReconnectingPort(Generic[P]):
         if self.port is not None:
             self.port.close()
             self.port = None
-
-    def _say(self, sentence: str) -> None:
-        if sentence != self._said:
-            self._tell(sentence)
-        self._said = sentence
 
 
 class DeviceDriver(Protocol):
@@ -233,7 +226,7 @@ class DeviceLine(ReconnectingPort[SerialPort]):
         open_port: Callable[[], SerialPort],
         driver: DeviceDriver,
         take: Callable[[Instant, bytes], None],
-        say: Callable[[str], None],
+        say: Say,
     ) -> None:
         """Create it; `take`: passes bytes read to the driver, `say`: as in ReconnectingPort."""
         super().__init__(open_port, say)

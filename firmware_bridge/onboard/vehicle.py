@@ -20,7 +20,7 @@ from firmware_bridge.onboard.device_loop import DeviceLine
 from firmware_bridge.range_sensors.depth import CameraFeed, DepthError, DepthScanner
 from firmware_bridge.range_sensors.rplidar import Rplidar
 from firmware_bridge.range_sensors.sensor import RangeReader
-from firmware_bridge.serial_port import SerialPort
+from firmware_bridge.serial_port import Say, SerialPort
 
 _HEARTBEAT_INTERVAL: Final = milliseconds(10)
 """Minimum interval of heartbeats."""
@@ -151,8 +151,6 @@ def start_guardian(channel: int, name: str) -> "subprocess.Popen[bytes]":
 
 
 ORIGIN: Final = Pose(0.0, 0.0, 0.0)
-Say = Callable[[str], None]
-"""Writes a log line; does not block on the disk."""
 
 
 class MotionUnknownError(AcrcError):

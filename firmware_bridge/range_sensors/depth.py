@@ -10,6 +10,7 @@ import hashlib
 import math
 import threading
 from collections.abc import Callable
+from ctypes import byref, c_int, c_void_p
 from typing import Any, Final, NamedTuple, Protocol
 
 import numpy as np
@@ -21,6 +22,7 @@ from actors.robot_model import RangeSensor as SensorModel
 from actors.runtime.errors import AcrcError
 from firmware_bridge.kobuki.safety import HoldCause
 from firmware_bridge.range_sensors.sensor import REACH, RangeReader, RepetitionDetector, SensorSweep
+from firmware_bridge.serial_port import Say, changed_only
 
 WIDTH, HEIGHT = 640, 480
 FIELD_OF_VIEW_DEG: Final = 58.0
@@ -117,14 +119,11 @@ class Image(NamedTuple):
 class CameraFeed:
     """Latest image of a camera, read by a thread that reopens the camera after errors."""
 
-    def __init__(
-        self, open_camera: Callable[[], Camera], clock: Callable[[], Instant], say: Callable[[str], None]
-    ) -> None:
+    def __init__(self, open_camera: Callable[[], Camera], clock: Callable[[], Instant], say: Say) -> None:
         """Start the thread; `say`: called by it with each new error."""
         self._open = open_camera
         self._clock = clock
-        self._say = say
-        self._said = ""
+        self._say = changed_only(say)
         self._newest: Image | None = None
         self._ended = threading.Event()
         self._thread = threading.Thread(target=self._run, name="camera", daemon=True)
@@ -145,7 +144,7 @@ class CameraFeed:
             try:
                 self._follow()
             except Exception as error:
-                self._tell(str(error) or type(error).__name__)
+                self._say(str(error) or type(error).__name__)
                 self._ended.wait(_RETRY_S)
 
     def _follow(self) -> None:
@@ -154,15 +153,10 @@ class CameraFeed:
             while not self._ended.is_set():
                 depth = camera.read(_PATIENCE_S)
                 if depth is not None:
-                    self._said = ""
+                    self._say("")
                     self._newest = Image(self._clock(), depth)
         finally:
             camera.close()
-
-    def _tell(self, sentence: str) -> None:
-        if sentence != self._said:
-            self._say(sentence)
-        self._said = sentence
 
 
 _API_VERSION: Final = 2002
@@ -179,27 +173,27 @@ class CameraError(AcrcError):
 
 class _VideoMode(ctypes.Structure):
     _fields_ = (
-        ("pixel_format", ctypes.c_int),
-        ("width", ctypes.c_int),
-        ("height", ctypes.c_int),
-        ("rate", ctypes.c_int),
+        ("pixel_format", c_int),
+        ("width", c_int),
+        ("height", c_int),
+        ("rate", c_int),
     )
 
 
 class _Frame(ctypes.Structure):
     _fields_ = (
-        ("size", ctypes.c_int),
-        ("data", ctypes.c_void_p),
-        ("sensor", ctypes.c_int),
+        ("size", c_int),
+        ("data", c_void_p),
+        ("sensor", c_int),
         ("stamp_us", ctypes.c_uint64),
-        ("number", ctypes.c_int),
-        ("width", ctypes.c_int),
-        ("height", ctypes.c_int),
+        ("number", c_int),
+        ("width", c_int),
+        ("height", c_int),
         ("mode", _VideoMode),
-        ("cropped", ctypes.c_int),
-        ("crop_x", ctypes.c_int),
-        ("crop_y", ctypes.c_int),
-        ("stride", ctypes.c_int),
+        ("cropped", c_int),
+        ("crop_x", c_int),
+        ("crop_y", c_int),
+        ("stride", c_int),
     )
 
 
@@ -223,8 +217,8 @@ class OpenNICamera:
     def __init__(self, width: int = 640, height: int = 480, rate: int = 30, library: Any = None) -> None:
         """Open the camera; `library`: OpenNI2, None: load it. Raises CameraError."""
         self._library = find_library() if library is None else library
-        self._device = ctypes.c_void_p()
-        self._stream = ctypes.c_void_p()
+        self._device = c_void_p()
+        self._stream = c_void_p()
         self._library.oniGetExtendedError.restype = ctypes.c_char_p
         self._library.oniFrameRelease.restype = None
         self._try(self._library.oniInitialize(_API_VERSION), "OpenNI2 does not start")
@@ -238,13 +232,13 @@ class OpenNICamera:
         """Return the next image, (height, width), mm, unmirrored; None after `patience` s. Raises
         CameraError."""
         library = self._library
-        streams, ready = (ctypes.c_void_p * 1)(self._stream), ctypes.c_int()
-        status = library.oniWaitForAnyStream(streams, 1, ctypes.byref(ready), int(1000 * patience))
+        streams, ready = (c_void_p * 1)(self._stream), c_int()
+        status = library.oniWaitForAnyStream(streams, 1, byref(ready), int(1000 * patience))
         if status == _TIME_OUT:
             return None
         self._try(status, "no image from the depth camera")
         frame = ctypes.POINTER(_Frame)()
-        self._try(library.oniStreamReadFrame(self._stream, ctypes.byref(frame)), "the image cannot be read")
+        self._try(library.oniStreamReadFrame(self._stream, byref(frame)), "the image cannot be read")
         try:
             return _image(frame.contents)
         finally:
@@ -255,10 +249,10 @@ class OpenNICamera:
         if self._stream:
             self._library.oniStreamStop(self._stream)
             self._library.oniStreamDestroy(self._stream)
-            self._stream = ctypes.c_void_p()
+            self._stream = c_void_p()
         if self._device:
             self._library.oniDeviceClose(self._device)
-            self._device = ctypes.c_void_p()
+            self._device = c_void_p()
         self._library.oniShutdown()
 
     def __enter__(self) -> "OpenNICamera":
@@ -269,7 +263,7 @@ class OpenNICamera:
 
     def _open(self, mode: _VideoMode) -> None:
         library = self._library
-        device, stream = ctypes.byref(self._device), ctypes.byref(self._stream)
+        device, stream = byref(self._device), byref(self._stream)
         self._try(library.oniDeviceOpen(None, device), "no depth camera found, or no permission")
         self._try(
             library.oniDeviceCreateStream(self._device, _DEPTH, stream), "the camera has no depth sensor"
@@ -277,13 +271,11 @@ class OpenNICamera:
         asked = f"the camera does not support {mode.width} x {mode.height} at {mode.rate} Hz in mm"
         self._set(_VIDEO_MODE, mode, asked)
         # The driver mirrors images by default.
-        self._set(_MIRRORING, ctypes.c_int(0), "the camera's mirroring cannot be switched off")
+        self._set(_MIRRORING, c_int(0), "the camera's mirroring cannot be switched off")
         self._try(library.oniStreamStart(self._stream), "the camera does not start")
 
     def _set(self, setting: int, value: Any, otherwise: str) -> None:
-        status = self._library.oniStreamSetProperty(
-            self._stream, setting, ctypes.byref(value), ctypes.sizeof(value)
-        )
+        status = self._library.oniStreamSetProperty(self._stream, setting, byref(value), ctypes.sizeof(value))
         self._try(status, otherwise)
 
     def _try(self, status: int, otherwise: str) -> None:

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.random import Generator
 
 from actors.array_types import Floats
-from actors.instant import START, Instant, in_seconds
+from actors.instant import Instant, in_seconds
 from actors.portable.draws import normals
 from firmware_bridge.range_sensors.rplidar import (
     FULL_TURN_Q6,
@@ -47,20 +47,18 @@ class EmulatedRplidar:
         self,
         sight: RangeFunction,
         parameters: EmulatedRplidarParameters = EmulatedRplidarParameters(),
-        started: Instant = START,
         generator: Generator | None = None,
     ) -> None:
-        """Create it, switched on at `started`; `generator`: of the noise."""
+        """Create it, switched on at START; `generator`: of the noise."""
         assert generator is not None or not parameters.noise
         self._sight = sight
         self._p = parameters
         self._generator = generator
-        self._started = started
         self._pending = bytearray()
         self._out = bytearray()
         self._scanning = False
         self._sampled = 0
-        """Number of samples since `started`, sent or not."""
+        """Number of samples since START, sent or not."""
         self._last_turn = -1
         self.health = Health(0)
         """Reported health; set it to inject a fault."""
@@ -105,7 +103,7 @@ class EmulatedRplidar:
             self._out += SCANNING.encode()
 
     def _until(self, now: Instant) -> int:
-        return int(in_seconds(now - self._started) * self._p.samples)
+        return int(in_seconds(now) * self._p.samples)
 
     def _skip_to(self, now: Instant) -> None:
         if not self._scanning:

@@ -500,7 +500,7 @@ def test_without_a_board_frames_overflow_and_nothing_is_due(capsys: pytest.Captu
     core.advance({at(TRANSMIT, "r1").key: Transmit(1, frames)})
     bridge.serve(now)
     bridge.serve(Instant(now + 5_000_000))
-    assert bridge.wake is None, "it waits for the mesh, and retries the port periodically"
+    assert core.wake is None, "it waits for the mesh, and retries the port periodically"
     core.expect(TRUTH.key())
     received = core.advance({at(TRUTH).key: Truth(1, now, ())})[0].message
     assert isinstance(received, RadioEvents)
