@@ -46,7 +46,7 @@ def test_record_look_replay_and_compare(tmp_path: Path) -> None:
         .startswith("4.0,r1/drive,40,")
     )
     campaign = (
-        "campaign --scenario scenarios/head_on.toml --strategies none,chapter --seeds 4 --duration 1 "
+        "campaign --scenario scenarios/head_on.toml --strategies none,chapter --seeds 2 --duration 1 "
         "--check-every 0 --jobs 1 --out campaigns/a"
     )
     shell.type(campaign, "campaigns/a/results.csv")

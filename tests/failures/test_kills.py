@@ -54,7 +54,7 @@ def test_ctrl_c_ends_the_run_with_130(tmp_path: Path) -> None:
 
 def test_nothing_is_left_when_acrc_itself_is_killed(tmp_path: Path) -> None:
     out = tmp_path / "out"
-    process = started(start, out)
+    process = started(begin, out)
     process.kill()
     process.wait()
     until(lambda: gone(out), timeout_s=5.0)

@@ -35,16 +35,16 @@ jam = [14.5, 11.0]
 radius = 4.0
 duration = 2.0
 [[event]]
-at = 6.0
+at = 4.0
 kill = "r8"
 [[event]]
-at = 9.0
+at = 6.0
 restart = "r8"
 [[event]]
-at = 10.0
+at = 6.5
 freeze = "r2"
 [[event]]
-at = 12.0
+at = 8.0
 thaw = "r2"
 """
 """Events of the crowd scenario in quick succession."""
@@ -52,6 +52,10 @@ ADVERSARIES = "".join(
     f'[[robot]]\nid = "{robot}"\nadversary = "{kind}"\n'
     for robot, kind in (("r13", "flooder"), ("r14", "replayer"), ("r15", "liar"), ("r16", "forger"))
 )
+PEOPLE = """
+[people]
+count = 6
+"""
 RESTART = f"""
 map = "{ROOT}/maps/corridor.yaml"
 [run]
@@ -78,17 +82,17 @@ class Run(NamedTuple):
 
 @pytest.fixture(scope="module")
 def eventful(tmp_path_factory: pytest.TempPathFactory) -> Run:
-    """The crowd scenario with adversaries and with events within 14 s, and its result in memory."""
+    """The crowd scenario of 11 s with adversaries, people and events, and its result in memory."""
     folder = tmp_path_factory.mktemp("eventful")
     crowd = CROWD.read_text().partition("[[event]]")[0]
     for old, new in (
-        ("duration = 65.0", "duration = 14.0"),
+        ("duration = 65.0", "duration = 11.0"),
         ("../../maps", f"{ROOT}/maps"),
         ("blind.toml", f"{CROWD.parent}/blind.toml"),
     ):
         assert old in crowd
         crowd = crowd.replace(old, new)
-    return in_memory(folder, crowd + ADVERSARIES + EVENTS)
+    return in_memory(folder, crowd + ADVERSARIES + EVENTS + PEOPLE)
 
 
 @pytest.fixture(scope="module")
@@ -125,6 +129,7 @@ def test_all_its_events_have_effects(eventful: Run) -> None:
 
 def test_one_digest_with_isolated_robots(eventful: Run, recorded: Run) -> None:
     assert recorded.result["isolation"] == "full"
+    assert recorded.result["people_contacts"] == eventful.result["people_contacts"]
     check_one_digest(eventful.result, recorded)
 
 
@@ -134,7 +139,7 @@ def test_one_digest_with_a_view_and_at_a_limited_speed(eventful: Run, tmp_path: 
     scenario, reference = eventful
     out = tmp_path / "out"
     check_one_digest(reference, made := Run(out, run(out, scenario, "--view", "--speed", "4")))
-    assert made.result["wall_s"] >= 3.4  # 14 s less the last step, at four times
+    assert made.result["wall_s"] >= 2.7  # 11 s less the last step, at four times
 
 
 def test_one_digest_with_a_new_interpreter_per_process(restarted: Run, tmp_path: Path) -> None:
