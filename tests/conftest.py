@@ -33,7 +33,6 @@ LONGEST: Final = (
     "failures/test_failures.py",
     "failures/test_kills.py",
     "pictures/test_pictures.py",
-    "onboard/test_standstill.py",
     "experiments/test_campaign.py",
     "navigation/test_goals.py",
     "development/test_wheel.py",
@@ -125,7 +124,7 @@ def pytest_runtest_logreport(report: pytest.TestReport) -> None:
 @pytest.hookimpl(wrapper=True)
 def pytest_runtest_makereport() -> Iterator[None]:
     """Convert recorded properties to plain values, as pytest-xdist requires."""
-    report: pytest.TestReport = yield
+    report: pytest.TestReport = yield  # type: ignore[assignment]
     report.user_properties = [
         (name, msgspec.to_builtins(value, enc_hook=lambda other: getattr(other, "item", other.__str__)()))
         for name, value in report.user_properties

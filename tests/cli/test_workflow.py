@@ -26,6 +26,7 @@ class Shell:
 
 
 @pytest.mark.timeout(300)
+@pytest.mark.usefixtures("forked_servers")
 def test_record_look_replay_and_compare(tmp_path: Path) -> None:
     for name in ("scenarios", "maps"):
         (tmp_path / name).symlink_to(ROOT / name)

@@ -5,11 +5,13 @@
 
 import ast
 import io
+import re
 import subprocess
 import sys
 import tokenize
 import tomllib
 from collections import Counter
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Final
 
@@ -36,6 +38,17 @@ def tokens(source: str) -> int:
         one.type not in LAYOUT and not (one.type == tokenize.STRING and one.start in docstrings)
         for one in counted
     )
+
+
+def class_definitions(source: str) -> Iterator[ast.ClassDef]:
+    """Yield all classes of a module; faster than ast.walk, which visits expressions as well."""
+    todo: list[ast.AST] = [ast.parse(source)] if re.search(r"^\s*class ", source, re.MULTILINE) else []
+    while todo:
+        node = todo.pop()
+        if isinstance(node, ast.ClassDef):
+            yield node
+        for part in ("body", "orelse", "finalbody", "handlers", "cases"):
+            todo.extend(getattr(node, part, ()))
 
 
 def committed(*patterns: str) -> list[Path]:

@@ -6,7 +6,7 @@ from functools import cache
 
 from actors.installation import repository
 from actors.installation.repository import REPOSITORY
-from tests.development.budget import committed
+from tests.development.budget import class_definitions, committed
 
 PACKAGES = tuple(sorted(repository.PACKAGES))
 PAGES = [
@@ -30,8 +30,8 @@ def classes() -> dict[str, set[str]]:
     """Return the members of each class of this project, including those of its bases."""
     own: dict[str, set[str]] = {}
     bases: dict[str, list[str]] = {}
-    trees = [ast.walk(ast.parse((REPOSITORY / path).read_text())) for path in committed("*.py")]
-    for node in (node for tree in trees for node in tree if isinstance(node, ast.ClassDef)):
+    sources = ((REPOSITORY / path).read_text("utf-8") for path in committed("*.py"))
+    for node in (node for source in sources for node in class_definitions(source)):
         own.setdefault(node.name, set()).update(member for part in node.body for member in declared(part))
         bases.setdefault(node.name, []).extend(base.id for base in node.bases if isinstance(base, ast.Name))
 

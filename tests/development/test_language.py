@@ -1,10 +1,9 @@
 """Words of docstrings, messages and pages; nouns of class names."""
 
-import ast
 import re
 
 from actors.installation.repository import REPOSITORY
-from tests.development.budget import committed
+from tests.development.budget import class_definitions, committed
 from tests.development.language import findings
 
 
@@ -31,8 +30,7 @@ def test_class_names_end_in_nouns_of_the_glossary() -> None:
         node.name: path
         for path in committed("*.py")
         if path.parts[0] != "tests"
-        for node in ast.walk(ast.parse((REPOSITORY / path).read_text("utf-8")))
-        if isinstance(node, ast.ClassDef)
+        for node in class_definitions((REPOSITORY / path).read_text("utf-8"))
     }
     unknown = sorted(
         f"{path}: {name}" for name, path in classes.items() if not singulars(noun(name)) & {*nouns}

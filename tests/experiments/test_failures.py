@@ -61,7 +61,7 @@ def failures(task: tuple[int, int, float]) -> Failures:
 @pytest.mark.claim("failures")
 @pytest.mark.timeout(600)
 def test_failures_occur_by_themselves(full: bool, record_property: Callable[[str, object], None]) -> None:
-    seeds, duration = (20, 600.0) if full else (1, 200.0)
+    seeds, duration = (20, 600.0) if full else (1, 60.0)
     for robots in (4, 8) if full else (4,):
         tasks = [(robots, seed, duration) for seed in range(1, seeds + 1)]
         found = list(in_order(failures, tasks))

@@ -48,9 +48,9 @@ def gone(out: Path) -> bool:
 Acrc = TypeVar("Acrc", warm.ForkedCommand, subprocess.Popen[str])
 
 
-def started(begins: Callable[..., Acrc], out: Path, *words: object) -> Acrc:
+def started(begins: Callable[..., Acrc], out: Path) -> Acrc:
     corridor = ROOT / "scenarios" / "corridor.toml"
-    process = begins("run", corridor, "--robots", 2, "--duration", 100_000, "--out", out, *words)
+    process = begins("run", corridor, "--robots", 2, "--duration", 100_000, "--speed", 20, "--out", out)
     until(lambda: stepping(out), timeout_s=120.0)  # nothing may be compiled yet
     return process
 

@@ -159,7 +159,7 @@ def test_errors_of_the_disk_are_one_sentence_and_others_pass(tmp_path: Path, num
 
 def test_a_disk_that_fills_up_in_a_run_is_named(tmp_path: Path) -> None:
     out = tmp_path / "small" / "out"
-    words = [*ACRC, "run", "--duration", "600", "--json", "--out", str(out)]
+    words = [*ACRC, "run", "--robots", "1", "--duration", "600", "--json", "--out", str(out)]
     done = subprocess.run(
         on_small_disk(out.parent, "700k", words), cwd=ROOT, capture_output=True, text=True, check=False
     )

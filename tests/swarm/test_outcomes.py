@@ -83,7 +83,7 @@ def test_a_late_adoption_requires_the_exchange(exchange: bool, done: int, tmp_pa
     assert done_total_lost(result) == (done, 2, 0)
 
 
-@pytest.mark.parametrize("seed", sampled(range(1, 11), (4,)))
+@pytest.mark.parametrize("seed", sampled(range(1, 11), (5,)))
 def test_a_robot_alone_cleans_all_its_places(seed: int, tmp_path: Path) -> None:
     overrides = Overrides(robots=1, seed=seed, duration=600.0)
     result = outcome(load_scenario(ROOT / "scenarios" / "corridor.toml", overrides), tmp_path / "out")

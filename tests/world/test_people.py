@@ -21,6 +21,7 @@ from actors.world.people import Pedestrians, PeopleParameters, PeopleSetup
 from actors.world.physics import Arena
 from actors.world.sensing import RangeSensors
 from actors.world.social_force import RADIUS
+from tests.helpers import sampled
 from tests.world.scenery import TURTLEBOT, with_sensor
 
 CORRIDOR = load_map(REPOSITORY / "maps" / "corridor.yaml")
@@ -69,22 +70,22 @@ def test_trajectories_are_the_known_ones() -> None:
     assert hashlib.sha256(walk(arena, 60.0).tobytes()).hexdigest() == DIGEST
 
 
+@pytest.mark.parametrize("seed", sampled(range(6), (0, 1)))
 @pytest.mark.parametrize("between", ["rooms", "doors"])
-def test_people_walk_without_touching_walls_and_hardly_one_another(between: str) -> None:
-    for seed in range(6):
-        arena, people = crowd(CORRIDOR, STARTS, seed=seed, between=between, pause=1.0)
-        states = walk(arena, 120.0)
-        where = states[::3, :, :2].reshape(-1, 2)
-        assert min(CORRIDOR.clearance_at(Point(*one), 1.0) for one in where.tolist()) > RADIUS - 0.01
-        apart = np.linalg.norm(states[:, :, None, :2] - states[:, None, :, :2], axis=-1)
-        apart[:, range(6), range(6)] = np.inf
-        assert apart.min() > 2 * RADIUS - 0.03, "the contact solver corrects an overlap within some sub-steps"
-        walked = np.linalg.norm(np.diff(states[..., :2], axis=0), axis=-1).sum(axis=0)
-        assert (walked > 20.0).all()
-        speeds = np.hypot(states[..., 2], states[..., 3])
-        assert (speeds <= 1.3 * people.speeds + 0.2).all()
-        assert arena.people_contacts == 0, "robots that stand are not touched"
-        assert np.abs(arena.poses[:, :2] - [pose[:2] for pose in STARTS]).max() < 1e-9
+def test_people_walk_without_touching_walls_and_hardly_one_another(between: str, seed: int) -> None:
+    arena, people = crowd(CORRIDOR, STARTS, seed=seed, between=between, pause=1.0)
+    states = walk(arena, 120.0)
+    where = states[::3, :, :2].reshape(-1, 2)
+    assert min(CORRIDOR.clearance_at(Point(*one), 1.0) for one in where.tolist()) > RADIUS - 0.01
+    apart = np.linalg.norm(states[:, :, None, :2] - states[:, None, :, :2], axis=-1)
+    apart[:, range(6), range(6)] = np.inf
+    assert apart.min() > 2 * RADIUS - 0.03, "the contact solver corrects an overlap within some sub-steps"
+    walked = np.linalg.norm(np.diff(states[..., :2], axis=0), axis=-1).sum(axis=0)
+    assert (walked > 20.0).all()
+    speeds = np.hypot(states[..., 2], states[..., 3])
+    assert (speeds <= 1.3 * people.speeds + 0.2).all()
+    assert arena.people_contacts == 0, "robots that stand are not touched"
+    assert np.abs(arena.poses[:, :2] - [pose[:2] for pose in STARTS]).max() < 1e-9
 
 
 def test_desired_speeds_have_the_given_mean_and_spread() -> None:
