@@ -151,7 +151,9 @@ class Scene:
             case TaskChanged():
                 self._items |= {one.key: one for one in message.marks}
             case FloorChanged():
-                self._change_floor(message)
+                self._obstacles |= {one.number: one for one in message.put}
+                for number in message.gone:
+                    self._obstacles.pop(number, None)
             case Control():
                 self._pending[message.ticket] = message.orders
                 while len(self._pending) > MAX_PENDING_ORDERS:
@@ -169,11 +171,6 @@ class Scene:
                     self._jams += message.jams
                     self._people = [(round(one.x, 3), round(one.y, 3)) for one in message.people]
                     self._apply_run(self._model.advance(message.step))
-
-    def _change_floor(self, changed: FloorChanged) -> None:
-        self._obstacles |= {one.number: one for one in changed.put}
-        for number in changed.gone:
-            self._obstacles.pop(number, None)
 
     def _apply_run(self, run: RunData) -> None:
         self._apply(one.order for one in run.orders if isinstance(one.order, Speed))

@@ -37,7 +37,6 @@ from deploy.run.options import RunOptions
 from deploy.run.out_folder import make_folder
 from deploy.run.plan import RunPlan, relative_radio_setup, relative_world_setup
 from deploy.run.supervisor import Supervisor
-from deploy.run.swarm import preflight
 from deploy.scenario.events import action_of
 from deploy.scenario.tables import Scenario
 from firmware_bridge.beeclick.answer_decoder import BoardSettings
@@ -107,7 +106,7 @@ def _run_processes(
 ) -> None:
     folder = plan.folder(LABORATORY)
     with signals_as_interrupts(), launcher_context as launcher, ExitStack() as stack:
-        preflight(plan, launcher)
+        swarm.preflight(plan, launcher)
         devices = _EmulatedDevices(plan, simulated, launcher)
         stack.callback(devices.end_all)
         devices.start_devices()
@@ -137,9 +136,9 @@ class _EmulatedDevices(Supervisor):
         """Start the process and wait until the devices are available."""
         folder = self._folder
         argv = (
-            *("--setup", str(folder / SETUP), "--links", str(folder / "links")),
-            *("--result", str(folder / "result.json"), "--with-parent"),
-        )
+            "--setup", str(folder / SETUP), "--links", str(folder / "links"),
+            "--result", str(folder / "result.json"), "--with-parent",
+        )  # fmt: skip
         log = folder / "laboratory.log"
         program = Program(LABORATORY, "firmware_bridge.laboratory", argv, log, None)
         self.start([program])
@@ -160,7 +159,7 @@ class _EmulatedDevices(Supervisor):
             )
 
 
-def _onboard_robot(plan: RunPlan, index: int, folder: Path, *, board: bool = True) -> OnboardRobot:
+def _onboard_robot(plan: RunPlan, index: int, folder: Path, *, board: bool) -> OnboardRobot:
     robot = plan.world.robots[index]
     robot_plan = replace(plan, world=msgspec.structs.replace(plan.world, robots=(robot,)))
     links = folder / "links" / robot.id

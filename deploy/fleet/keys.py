@@ -17,7 +17,6 @@ from actors.runtime.isolation.credentials import PACKET_KEY_FILE, write_secret
 from actors.runtime.isolation.tls import AUTHORITY_FILE, CERTIFICATE_FILE, OPERATOR
 from deploy.fleet.fleet_file import Fleet, FleetRobot
 from deploy.hosts import certificates
-from deploy.hosts.certificates import CLIENT, SERVER
 
 AUTHORITY_FOLDER: Final = "authority"
 """Folder of the certificate authority; do not copy it to robots."""
@@ -82,7 +81,7 @@ def create_keys(
         certificates.PemKeys(issuer.certificate_pem, b"", issuer.private_pem).write(draft / AUTHORITY_FOLDER)
         packet_key = secrets.token_hex(16)
         for machine in fleet_keys.machines:
-            purpose = CLIENT if machine.machine == OPERATOR else SERVER
+            purpose = certificates.CLIENT if machine.machine == OPERATOR else certificates.SERVER
             machine_key = certificates.issue_certificate(
                 issuer, machine.machine, [purpose], machine.hosts, now, days
             )

@@ -20,7 +20,6 @@ from actors.processes.launcher import Program
 from actors.runtime import regular_file
 from actors.runtime.errors import AcrcError
 from actors.runtime.isolation import credentials
-from actors.runtime.isolation.credentials import Credentials
 from actors.runtime.process_setup import ActorSetup, ProcessSetup
 from actors.runtime.recording import Note, RecordingError, read_recording
 from actors.world.world_setup import BodySetup
@@ -107,7 +106,7 @@ def write_folders(onboard: OnboardRobot) -> None:
         onboard.folder(actor).mkdir()
 
 
-def issue_passwords(onboard: OnboardRobot) -> Credentials:
+def issue_passwords(onboard: OnboardRobot) -> credentials.Credentials:
     """Create new passwords: the robot's in its folder, all others in the base's. Copy the key of packets.
 
     Raises AcrcError.

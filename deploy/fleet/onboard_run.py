@@ -7,6 +7,7 @@ import os
 import signal
 import socket
 import time
+from collections import deque
 from collections.abc import Callable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
@@ -35,13 +36,16 @@ from deploy.fleet.onboard_processes import EpochCounter, OnboardRobot, Ports
 from deploy.run.options import RunOptions
 from deploy.run.out_folder import claim, convert_write_errors
 from deploy.run.plan import RunPlan, ScenarioCopy
-from deploy.run.supervisor import RestartPolicy, Supervisor, exit_description
+from deploy.run.supervisor import Supervisor, exit_description
 from firmware_bridge.beeclick.answer_decoder import BoardSettings
 from firmware_bridge.kobuki import guardian
 from firmware_bridge.onboard import last_pose
+from firmware_bridge.serial_port import Say, changed_only
 
-ONBOARD_POLICY: Final = RestartPolicy(starts=5, within_s=60.0)
-"""Restart limit, our choice; above it the supervisor exits and systemd restarts the whole robot."""
+_MAX_RESTARTS: Final = 5
+"""Maximum number of restarts within `_RESTART_PERIOD_S`, our choice; above it the supervisor exits and
+systemd restarts the whole robot."""
+_RESTART_PERIOD_S: Final = 60.0
 
 
 class OnboardSupervisor(Supervisor):
@@ -56,14 +60,14 @@ class OnboardSupervisor(Supervisor):
         self,
         onboard: OnboardRobot,
         launcher: Launcher,
-        say: Callable[[str], None] = lambda sentence: None,
-        policy: RestartPolicy = ONBOARD_POLICY,
+        say: Say = lambda sentence: None,
         poll: Callable[[], None] = lambda: None,
     ) -> None:
-        super().__init__(launcher, policy, say, poll)
+        super().__init__(launcher, say, poll)
         self._onboard = onboard
         self._withdraw = launcher.withdraw
         self._count = {layout.BASE: 0, layout.BRIDGE: 0, onboard.robot.id: 0}
+        self._restart_times: deque[float] = deque()
         self._current: dict[str, ChildProcess] = {}
         """Latest process by name."""
         self._losses: dict[Path, str] = {}
@@ -115,7 +119,7 @@ class OnboardSupervisor(Supervisor):
             return False
         for name in exited:
             self._say(f"{name} exited {exit_description(self._current[name])}")
-        self.count_restart(self._onboard.robot.id, exited[0], self._current[exited[0]])
+        self._count_restart(exited[0])
         if layout.BASE in exited:
             self.end_all()
             layout.remove_passwords(self._onboard)
@@ -133,6 +137,19 @@ class OnboardSupervisor(Supervisor):
             self.await_exits(self._current.values())
         super().end_all()
         self._report_losses()
+
+    def _count_restart(self, name: str) -> None:
+        """Count a restart of the process `name`; end all and raise AcrcError above the limit."""
+        now = time.monotonic()
+        self._restart_times.append(now)
+        while self._restart_times[0] < now - _RESTART_PERIOD_S:
+            self._restart_times.popleft()
+        if len(self._restart_times) > _MAX_RESTARTS:
+            self.end_all()
+            raise AcrcError(
+                f"{self._onboard.robot.id}: its processes were started {_MAX_RESTARTS} times within "
+                f"{_RESTART_PERIOD_S:g} s, and {name} has ended again {exit_description(self._current[name])}"
+            )
 
     def _start(self, name: str) -> None:
         number = self._count[name]
@@ -162,7 +179,7 @@ POLL_INTERVAL_S: Final = 0.05
 class FallbackStop:
     """Fallback that sends stop commands to the base's port while the base process is suspended."""
 
-    def __init__(self, port: str, say: Callable[[str], None]) -> None:
+    def __init__(self, port: str, say: Say) -> None:
         """`port`: of the base. `say`: called with log messages."""
         self._path = port
         self._say = say
@@ -237,7 +254,7 @@ class OnboardOptions:
     """Folders from which a user strategy may be loaded."""
 
 
-def prepare(fleet: Fleet, name: str, options: OnboardOptions, say: Callable[[str], None]) -> OnboardRobot:
+def prepare(fleet: Fleet, name: str, options: OnboardOptions, say: Say) -> OnboardRobot:
     """Check the configuration of the robot `name` and return it ready to run. Raises AcrcError.
 
     `say`: called with later log messages.
@@ -271,7 +288,7 @@ def prepare(fleet: Fleet, name: str, options: OnboardOptions, say: Callable[[str
     )
 
 
-def run(prepared: OnboardRobot, say: Callable[[str], None]) -> None:
+def run(prepared: OnboardRobot, say: Say) -> None:
     """Run until the operator's stop, a signal (Interruption), or an exceeded restart limit (AcrcError)."""
     if prepared.plan.warning:
         say(prepared.plan.warning)
@@ -318,18 +335,16 @@ class OperatorAccessCheck:
     PERIOD_S: Final = 600.0
     """Period of the check, s."""
 
-    def __init__(self, fault: Callable[[], str], say: Callable[[str], None]) -> None:
-        self._fault, self._say = fault, say
-        self._next, self._said = 0.0, ""
+    def __init__(self, fault: Callable[[], str], say: Say) -> None:
+        self._fault, self._say, self._next = fault, changed_only(say), 0.0
 
     def check_if_due(self) -> None:
         """Check the keys if the period has passed; report a new fault."""
         if (now := time.monotonic()) < self._next:
             return
         self._next = now + self.PERIOD_S
-        if (fault := self._fault()) and fault != self._said:
-            self._say(f"laptops cannot connect to watch or stop the robot: {fault}")
-        self._said = fault
+        fault = self._fault()
+        self._say(fault and f"laptops cannot connect to watch or stop the robot: {fault}")
 
 
 def _parse_pose(at: str, robot: FleetRobot) -> tuple[float, float, float]:

@@ -6,7 +6,7 @@ import ssl
 import sys
 import threading
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
@@ -21,6 +21,7 @@ from actors.runtime.errors import AcrcError, printable
 from actors.runtime.isolation.tls import Keys, laptop_config, load_keys
 from actors.runtime.zenoh_bus import ZenohBus, open_session
 from actors.topic import Message
+from firmware_bridge.serial_port import Say, changed_only
 
 _REFUSAL_TIMEOUT_S = 0.3
 """Timeout for a robot's rejection of our certificate, which in TLS 1.3 follows the handshake, s."""
@@ -97,8 +98,15 @@ def send_order(endpoints: Sequence[str], keys: Path, order: Order) -> list[Order
 
     def send(endpoint: str) -> None:
         try:
-            for failure in _send_to_robot(endpoint, loaded_keys, order, deadline):
-                failures[endpoint] = failure
+            with open_session(laptop_config(loaded_keys, endpoint), deadline - time.monotonic()) as session:
+                bus = ZenohBus(session, (at(PROGRESS),))
+                bus.publish(CONTROL.key(), encode(Control(0, (order,))))
+                failures[endpoint] = f"the order was sent, but not confirmed within {_ORDER_TIMEOUT_S:g} s"
+                while time.monotonic() < deadline:
+                    if any(_is_confirmed(progress, order) for progress in arrived(bus, PROGRESS)):
+                        failures[endpoint] = None
+                        return
+                    time.sleep(_POLL_INTERVAL_S)
         except AcrcError:
             return  # the failure is already recorded
         except Exception as error:  # report any failure for this robot only
@@ -108,13 +116,14 @@ def send_order(endpoints: Sequence[str], keys: Path, order: Order) -> list[Order
         causes[endpoint] = connection_fault(endpoint, loaded_keys)
 
     # Daemon threads: connection attempts that hang must not delay the exit.
-    threads = [threading.Thread(target=send, args=(name,), daemon=True) for name in names]
-    for thread in (
-        *threads,
-        *(threading.Thread(target=find_cause, args=(name,), daemon=True) for name in names),
-    ):
-        thread.start()
+    threads = [
+        threading.Thread(target=task, args=(name,), daemon=True)
+        for task in (send, find_cause)
+        for name in names
+    ]
     for thread in threads:
+        thread.start()
+    for thread in threads[: len(names)]:
         thread.join(max(0.0, deadline - time.monotonic()))
     return [_result(name, failures[name], causes) for name in names]
 
@@ -122,19 +131,6 @@ def send_order(endpoints: Sequence[str], keys: Path, order: Order) -> list[Order
 def _result(endpoint: str, failure: str | None, causes: Mapping[str, str]) -> OrderResult:
     cause = causes.get(endpoint) if failure else ""
     return OrderResult(endpoint, f"{failure}: {cause}" if cause else failure)
-
-
-def _send_to_robot(endpoint: str, keys: Keys, order: Order, deadline: float) -> Iterator[str | None]:
-    """Send one robot the order; yield the failure so far, then None after its confirmation."""
-    with open_session(laptop_config(keys, endpoint), deadline - time.monotonic()) as session:
-        bus = ZenohBus(session, (at(PROGRESS),))
-        bus.publish(CONTROL.key(), encode(Control(0, (order,))))
-        yield f"the order was sent, but not confirmed within {_ORDER_TIMEOUT_S:g} s"
-        while time.monotonic() < deadline:
-            if any(_is_confirmed(progress, order) for progress in arrived(bus, PROGRESS)):
-                yield None
-                return
-            time.sleep(_POLL_INTERVAL_S)
 
 
 def _is_confirmed(progress: Progress, order: Order) -> bool:
@@ -168,62 +164,35 @@ def start_listeners(
     not block. Raises AcrcError for an invalid endpoint or keys.
     """
     loaded_keys, names = _check_endpoints(endpoints, keys)
-    for name in names:
-        listener = _RobotListener(name, loaded_keys, lines, further_addresses, on_message)
-        threading.Thread(target=listener.listen, daemon=True).start()
+    addresses = (at(PROGRESS), at(BOARD), *further_addresses)
 
-
-class _RobotListener:
-    """Connection to one robot that passes on its reports and its connection state."""
-
-    def __init__(
-        self,
-        endpoint: str,
-        keys: Keys,
-        lines: "queue.SimpleQueue[str]",
-        further_addresses: Sequence[Address],
-        on_message: Callable[[str, str, Message], None],
-    ) -> None:
-        self._addresses = (at(PROGRESS), at(BOARD), *further_addresses)
-        self._on_message = on_message
-        self._endpoint = endpoint
-        self._keys = keys
-        self._lines = lines
-        self._state = ""
-
-    def listen(self) -> None:
-        """Listen forever, reconnecting after failures."""
-        while True:
-            try:
-                self._session()
-            except Exception as error:  # a failure of one robot must not affect the others
-                self._set_state(
-                    f"not connected, retrying: {connection_fault(self._endpoint, self._keys) or error}"
-                )
-            time.sleep(_RETRY_DELAY_S)
-
-    def _session(self) -> None:
+    def receive(endpoint: str, say: Say) -> None:
         """Pass on messages until the session with the robot's router ends."""
-        with open_session(laptop_config(self._keys, self._endpoint), 0.0) as session:
-            bus = ZenohBus(session, self._addresses, lossy=len(self._addresses) > 2)
-            self._set_state("connected")
+        with open_session(laptop_config(loaded_keys, endpoint), 0.0) as session:
+            bus = ZenohBus(session, addresses, lossy=len(addresses) > 2)
+            say("connected")
             while session.info.routers_zid():
-                for address in self._addresses:
+                for address in addresses:
                     while (delivery := bus.poll(address.topic)) is not None:
                         message = decode(delivery.topic, delivery.key, delivery.payload)
-                        self._on_message(self._endpoint, delivery.key, message)
+                        on_message(endpoint, delivery.key, message)
                         for line in _lines(message):
-                            self._put_line(line)
+                            lines.put(f"{endpoint}  {line}")
                 time.sleep(_POLL_INTERVAL_S)
-        self._set_state("connection lost, reconnecting")
+        say("connection lost, reconnecting")
 
-    def _set_state(self, words: str) -> None:
-        if words != self._state:
-            self._state = words
-            self._put_line(words)
+    def listen(endpoint: str) -> None:
+        """Listen forever, reconnecting after failures; report changes of the connection."""
+        say = changed_only(lambda state: lines.put(f"{endpoint}  {state}"))
+        while True:
+            try:
+                receive(endpoint, say)
+            except Exception as error:  # a failure of one robot must not affect the others
+                say(f"not connected, retrying: {connection_fault(endpoint, loaded_keys) or error}")
+            time.sleep(_RETRY_DELAY_S)
 
-    def _put_line(self, words: str) -> None:
-        self._lines.put(f"{self._endpoint}  {words}")
+    for name in names:
+        threading.Thread(target=listen, args=(name,), daemon=True).start()
 
 
 def _check_endpoints(endpoints: Sequence[str], keys: Path) -> tuple[Keys, list[str]]:

@@ -20,6 +20,7 @@ from typing import Annotated, Any, Final
 
 import msgspec
 from distributed import Status, Worker, get_worker
+from msgspec import Meta, Struct
 
 from acrc_testbed.results.seal import Id, Sha256, Size
 from actors.processes.launcher import ChildProcess, Launcher, Program, create_launcher
@@ -28,11 +29,10 @@ from actors.robot.program import RobotProgram
 from actors.runtime import process_table, regular_file
 from actors.runtime.errors import AcrcError
 from actors.runtime.isolation import credentials, tls
-from actors.runtime.isolation.credentials import Credentials, HostGateway, publish_sockets
 from actors.runtime.isolation.sandbox import FOLDER, ProcessLimits, SandboxPaths, code_paths, own_folder
 from actors.runtime.process_setup import SETUP
 from actors.runtime.recording import RecordingError, read_notes
-from actors.runtime.zenoh_bus import HostRouter, open_host_router
+from actors.runtime.zenoh_bus import open_host_router
 from deploy.hosts.certificates import PemKeys
 from deploy.hosts.files import (
     PREFIX,
@@ -45,10 +45,10 @@ from deploy.hosts.files import (
     read_files,
 )
 
-Number = Annotated[int, msgspec.Meta(ge=0, le=1 << 31)]
+Number = Annotated[int, Meta(ge=0, le=1 << 31)]
 """Number of a process, in order of the requests to start it."""
-Seconds = Annotated[float, msgspec.Meta(ge=0)]
-Text = Annotated[str, msgspec.Meta(max_length=2000)]
+Seconds = Annotated[float, Meta(ge=0)]
+Text = Annotated[str, Meta(max_length=2000)]
 CODE: Final = "code"
 _KEYS: Final = "keys"
 _ROUTER_FOLDER: Final = ".router"
@@ -63,7 +63,7 @@ _END_NOTES: Final = ("final", "failure")
 """Notes of a process about its end."""
 
 
-class HostTask(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+class HostTask(Struct, frozen=True, forbid_unknown_fields=True):
     """One host's part of a run."""
 
     run: str
@@ -83,7 +83,7 @@ class HostTask(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """Keep recordings on this host."""
 
 
-class StartRobot(msgspec.Struct, frozen=True):
+class StartRobot(Struct, frozen=True):
     """Request to start a robot's process."""
 
     number: Number
@@ -92,7 +92,7 @@ class StartRobot(msgspec.Struct, frozen=True):
     """Content of its set-up file."""
 
 
-class HostOrders(msgspec.Struct, frozen=True):
+class HostOrders(Struct, frozen=True):
     """Requests of a run to its host, carried out in the order of the fields."""
 
     start: tuple[StartRobot, ...] = ()
@@ -104,45 +104,45 @@ class HostOrders(msgspec.Struct, frozen=True):
     """No more processes will be started."""
 
 
-class EndedProcess(msgspec.Struct, frozen=True):
+class EndedProcess(Struct, frozen=True):
     """A process that has exited and whose output has been sent."""
 
     number: Number
-    code: Annotated[int, msgspec.Meta(ge=-64, le=255)]
-    orphans: Annotated[int, msgspec.Meta(ge=0)]
+    code: Annotated[int, Meta(ge=-64, le=255)]
+    orphans: Annotated[int, Meta(ge=0)]
     cpu_s: Seconds
     left: "HostRecording | None" = None
 
 
-class HostRecording(msgspec.Struct, frozen=True):
+class HostRecording(Struct, frozen=True):
     """A recording left on its host."""
 
     bytes: Size
     sha256: Sha256
-    notes: dict[str, Annotated[str, msgspec.Meta(max_length=1 << 20)]]
+    notes: dict[str, Annotated[str, Meta(max_length=1 << 20)]]
     """Notes `final` and `failure` of its process."""
 
 
-class ProcessStatus(msgspec.Struct, frozen=True, array_like=True):
+class ProcessStatus(Struct, frozen=True, array_like=True):
     """State of one process on a host, see `process_table`."""
 
     pid: Number
     parent: Number
     session: Number
-    state: Annotated[str, msgspec.Meta(min_length=1, max_length=1)]
+    state: Annotated[str, Meta(min_length=1, max_length=1)]
     cpu_s: Seconds
     queued_s: Seconds | None
 
 
-class ProcessList(msgspec.Struct, frozen=True):
+class ProcessList(Struct, frozen=True):
     """States of the robots' processes and of all their descendants."""
 
-    processes: Annotated[tuple[ProcessStatus, ...], msgspec.Meta(max_length=100_000)] = ()
+    processes: Annotated[tuple[ProcessStatus, ...], Meta(max_length=100_000)] = ()
     numbers: dict[Number, Number] = {}
     """Numbers of the robots' processes by process id."""
 
 
-class HostEvents(msgspec.Struct, frozen=True):
+class HostEvents(Struct, frozen=True):
     """Events of a host since the last report."""
 
     files: tuple[FilePart, ...] = ()
@@ -155,7 +155,7 @@ class HostEvents(msgspec.Struct, frozen=True):
     """More output is available."""
 
 
-class HostReport(msgspec.Struct, frozen=True):
+class HostReport(Struct, frozen=True):
     """Answer of a host agent."""
 
     clock_s: float
@@ -304,11 +304,15 @@ class _Session:
             try:
                 while True:
                     self._poll()
-                    self._check_link(router, router_credentials)
+                    if not self._joined and router.joined:
+                        credentials.publish_sockets(router_credentials)
+                        self._joined = True
+                    elif self._joined and not self._is_link_lost:
+                        self._is_link_lost = not router.linked
             finally:  # while the router runs, so that robots can exit in order
                 self._end_robots()
 
-    def _write_files(self, launcher: Launcher) -> Credentials:
+    def _write_files(self, launcher: Launcher) -> credentials.Credentials:
         """Create the robots' passwords and load shared data.
 
         The launcher's server removes the passwords even if the worker is killed.
@@ -320,14 +324,14 @@ class _Session:
         router_credentials = credentials.issue(
             {robot: run / robot for robot in self._task.robots}, run / _ROUTER_FOLDER, ()
         )
-        gate = HostGateway("", self._folder / _KEYS, {})
+        gate = credentials.HostGateway("", self._folder / _KEYS, {})
         credentials.write_router_file(
             run / _ROUTER_FOLDER / credentials.ROUTER_FILE, replace(router_credentials, gate=gate)
         )
         launcher.withdraw(run / _ROUTER_FOLDER / credentials.ROUTER_FILE)
         for words in self._task.share:
             launcher.share("actors.robot.program", words, run)
-        self._robots.open(launcher)
+        self._robots.launcher = launcher
         return router_credentials
 
     def _poll(self) -> None:
@@ -342,13 +346,6 @@ class _Session:
             if self._finishing and self._robots.have_all_exited:
                 raise _FinishedError
         time.sleep(_POLL_S)
-
-    def _check_link(self, router: HostRouter, router_credentials: Credentials) -> None:
-        if not self._joined and router.joined:
-            publish_sockets(router_credentials)
-            self._joined = True
-        elif self._joined and not self._is_link_lost:
-            self._is_link_lost = not router.linked
 
     def _end_robots(self) -> None:
         for number in (SIGTERM, SIGKILL):
@@ -368,7 +365,8 @@ class RobotProcesses:
         """`folder`: contains the run's folder and, where sandboxes have no access, the code."""
         self._folder, self._task = folder / RUN, task
         self._code = tuple(folder / CODE / str(number) for number in range(1, task.code + 1))
-        self._launcher: Launcher | None = None
+        self.launcher: Launcher | None = None
+        """Starts the processes; None: none is started yet."""
         self._closed = False
         self._queued: deque[StartRobot] = deque()
         self._children: dict[int, ChildProcess] = {}
@@ -388,10 +386,6 @@ class RobotProcesses:
         """True if all processes have exited and their output has been sent."""
         return not (self._queued or self._children or self._refused or self._ending)
 
-    def open(self, launcher: Launcher) -> None:
-        """Start processes with `launcher` from now on."""
-        self._launcher = launcher
-
     def close(self) -> None:
         """Start no more processes; running ones are killed with their launcher."""
         self._closed = True
@@ -410,13 +404,13 @@ class RobotProcesses:
 
     def poll(self) -> None:
         """Start queued processes if the launcher is ready, and poll for exits."""
-        if self._launcher is None:
+        if self.launcher is None:
             return
-        self._launcher.wait(0.0)
-        while self._queued and self._launcher.ready:
+        self.launcher.wait(0.0)
+        while self._queued and self.launcher.ready:
             order = self._queued.popleft()
             try:
-                self._children[order.number] = self._launcher.start(self._program(order))
+                self._children[order.number] = self.launcher.start(self._program(order))
             except (AcrcError, msgspec.MsgspecError) as error:
                 self._refused[order.number] = str(error)[:2000]
 

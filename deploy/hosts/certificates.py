@@ -53,9 +53,7 @@ class CertifiedKey:
 def create_authority(name: str, now: datetime, days: int) -> CertifiedKey:
     """Create a self-signed certificate authority, which cannot sign other authorities."""
     key = generate_private_key(SECP256R1())
-    builder = _certificate_builder(_x509_name(name), _x509_name(name), key, now, days)
-    builder = builder.add_extension(x509.BasicConstraints(ca=True, path_length=0), critical=True)
-    builder = builder.add_extension(_key_usage(signs_certificates=True), critical=True)
+    builder = _certificate_builder(_x509_name(name), _x509_name(name), key, now, days, is_authority=True)
     return CertifiedKey(key, builder.sign(key, hashes.SHA256()))
 
 
@@ -72,9 +70,8 @@ def issue_certificate(
     `hosts`: names and addresses of the machine.
     """
     key = generate_private_key(SECP256R1())
-    builder = _certificate_builder(_x509_name(name), issuer.certificate.subject, key, now, days)
-    builder = builder.add_extension(x509.BasicConstraints(ca=False, path_length=None), critical=True)
-    builder = builder.add_extension(_key_usage(signs_certificates=False), critical=True)
+    subject = issuer.certificate.subject
+    builder = _certificate_builder(_x509_name(name), subject, key, now, days, is_authority=False)
     builder = builder.add_extension(x509.ExtendedKeyUsage(purposes), critical=False)
     if hosts:
         names = x509.SubjectAlternativeName([general_name(host) for host in hosts])
@@ -113,28 +110,34 @@ def load_certificate(pem: bytes) -> x509.Certificate:
 
 
 def _certificate_builder(
-    subject: x509.Name, issuer: x509.Name, key: EllipticCurvePrivateKey, now: datetime, days: int
+    subject: x509.Name,
+    issuer: x509.Name,
+    key: EllipticCurvePrivateKey,
+    now: datetime,
+    days: int,
+    *,
+    is_authority: bool,
 ) -> x509.CertificateBuilder:
+    """Return a builder with validity, key, and what the key may sign."""
     begin = now.astimezone(UTC)
     builder = x509.CertificateBuilder(subject_name=subject, issuer_name=issuer)
     builder = builder.public_key(key.public_key()).serial_number(x509.random_serial_number())
     builder = builder.not_valid_before(begin - _BACKDATED).not_valid_after(begin + timedelta(days=days))
     own = x509.SubjectKeyIdentifier.from_public_key(key.public_key())
-    return builder.add_extension(own, critical=False)
+    constraints = x509.BasicConstraints(ca=is_authority, path_length=0 if is_authority else None)
+    no = dict.fromkeys(
+        ("content_commitment", "key_encipherment", "data_encipherment", "key_agreement"), False
+    )
+    usage = x509.KeyUsage(
+        digital_signature=not is_authority, key_cert_sign=is_authority, crl_sign=is_authority,
+        encipher_only=False, decipher_only=False, **no,
+    )  # fmt: skip
+    builder = builder.add_extension(own, critical=False).add_extension(constraints, critical=True)
+    return builder.add_extension(usage, critical=True)
 
 
 def _x509_name(common_name: str) -> x509.Name:
     return x509.Name([x509.NameAttribute(NameOID.COMMON_NAME, common_name)])
-
-
-def _key_usage(*, signs_certificates: bool) -> x509.KeyUsage:
-    no = dict.fromkeys(
-        ("content_commitment", "key_encipherment", "data_encipherment", "key_agreement"), False
-    )
-    return x509.KeyUsage(
-        digital_signature=not signs_certificates, key_cert_sign=signs_certificates,
-        crl_sign=signs_certificates, encipher_only=False, decipher_only=False, **no,
-    )  # fmt: skip
 
 
 @dataclass(frozen=True)

@@ -15,7 +15,6 @@ import msgspec
 from distributed import Client
 
 from acrc_testbed.results import seal
-from acrc_testbed.results.seal import HostPart, HostsFile, RemoteFile, Sha256, Size
 from actors.runtime import regular_file, typed_json
 from actors.runtime.errors import AcrcError, printable
 from deploy.hosts.address import PAGE, host_and_port
@@ -56,8 +55,8 @@ class HostFile(msgspec.Struct, frozen=True):
 
     name: str
     """Path of a recording or log, relative to the run's folder."""
-    bytes: Size
-    sha256: Sha256
+    bytes: seal.Size
+    sha256: seal.Sha256
 
 
 def list_files(folder: str, run: str) -> bytes:
@@ -126,12 +125,11 @@ def fetch(out: Path, address: str, say: Callable[[str], None]) -> FetchedFiles:
     hosts_file = seal.read_hosts(out)
     if hosts_file is None:
         raise AcrcError(f"{out}: not a run on several computers: no {seal.HOSTS_FILE}")
-    client = connect(address or hosts_file.cluster)
+    address = address or hosts_file.cluster
+    client = connect(address)
     try:
         workers = {host_and_port(worker)[0]: worker for worker in host_workers(client)}
-        found = [
-            _Host(client, name, part, hosts_file, workers, address) for name, part in hosts_file.hosts.items()
-        ]
+        found = [_Host(client, name, hosts_file, workers, address) for name in hosts_file.hosts]
         files = size = 0
         for host in found:
             sizes = [one.bytes for one in host.list_files() if host.fetch_file(out, one)]
@@ -152,14 +150,13 @@ class _Host:
         self,
         client: Client,
         name: str,
-        part: HostPart,
-        hosts_file: HostsFile,
+        hosts_file: seal.HostsFile,
         workers: dict[str, str],
         address: str,
     ) -> None:
         self.name = name
-        self._client, self._part, self._hosts_file = client, part, hosts_file
-        self._address = address or hosts_file.cluster
+        self._client, self._hosts_file, self._address = client, hosts_file, address
+        self._part = part = hosts_file.hosts[name]
         self._on = f"--on {self._address}"
         if part.address not in workers:
             raise ClusterError(
@@ -215,7 +212,7 @@ class _Host:
             ) from None
         return True
 
-    def require_complete(self, left: Mapping[str, RemoteFile]) -> None:
+    def require_complete(self, left: Mapping[str, seal.RemoteFile]) -> None:
         """Raise ClusterError if a recording in `left` is still missing after fetching."""
         missing = [name for name, one in left.items() if one.host == self.name]
         if missing:
@@ -271,15 +268,11 @@ class IncomingFiles:
             raise FilePartError(f"more than {self._max_bytes} B of files, {self._limit}")
         path = self._folder.joinpath(*words)
         path.parent.mkdir(parents=True, exist_ok=True)
-        self._check(path)
+        if path.parent.resolve() != path.parent or not path.parent.is_relative_to(self._folder):
+            raise FilePartError(f"a file {path}, which is behind a link")
         flags = os.O_WRONLY | os.O_APPEND | os.O_CREAT | os.O_NOFOLLOW | os.O_CLOEXEC
         with os.fdopen(os.open(path, flags, 0o644), "ab") as file:
             file.write(part.data)
-
-    def _check(self, path: Path) -> None:
-        """Raise FilePartError if a symbolic link leads out of the folder."""
-        if path.parent.resolve() != path.parent or not path.parent.is_relative_to(self._folder):
-            raise FilePartError(f"a file {path}, which is behind a link")
 
 
 class GrowingFile:

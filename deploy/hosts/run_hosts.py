@@ -13,14 +13,12 @@ from typing import Any, Final
 from distributed import Future
 
 from acrc_testbed.results import seal
-from acrc_testbed.results.seal import HostPart, HostsFile, RemoteFile
 from actors.installation.usage import command_line
 from actors.processes.launcher import ChildProcess, Launcher, Program
 from actors.runtime import process_table
 from actors.runtime.errors import AcrcError
 from actors.runtime.isolation.credentials import HostGateway
 from actors.runtime.isolation.sandbox import ProcessLimits
-from actors.runtime.process_table import ProcessState
 from actors.runtime.processor import first_names
 from deploy.hosts import certificates
 from deploy.hosts.address import PAGE, bind_address, bracketed, free_port, host_and_port
@@ -84,20 +82,17 @@ class HostedLauncher:
 
     def fault(self) -> str | None:
         """Describe the first failure of a host; None if there is none."""
+        has_mesh = self._world is not None and self._world.exit_code is None
         for link in self._links:
             if link.fault:
                 return f"host {link.name}: {link.fault}"
-            if time.monotonic() > link.link_lost_s + _LINK_LOST_TIMEOUT_S and self._has_mesh:
+            if time.monotonic() > link.link_lost_s + _LINK_LOST_TIMEOUT_S and has_mesh:
                 return f"host {link.name}: its link to the mesh broke"
             if link.lost and not link.done:
                 return f"host {link.name} is lost, with {first_names(link.robots)}: {link.lost}"
         return None
 
-    @property
-    def _has_mesh(self) -> bool:
-        return self._world is not None and self._world.exit_code is None
-
-    def table(self) -> Mapping[int, ProcessState]:
+    def table(self) -> Mapping[int, process_table.ProcessState]:
         """Return all processes here and the run's processes on hosts."""
         found = process_table.processes()
         for link in self._links:
@@ -220,12 +215,10 @@ class RunHosts:
                 f"{link.name} ({cores} {'core' if cores == 1 else 'cores'}): {_robot_range(link.robots)}"
             )
         text = f"hosts: {'; '.join(parts)}; they connect to {self._endpoint}"
-        clock_offsets = {
-            link.name: link.clock_off_s for link in self._links if math.fabs(link.clock_off_s) > _CLOCK_S
-        }
         words = [
-            f"{name}'s is {math.fabs(s):.0f} s {'behind' if s < 0 else 'ahead'}"
-            for name, s in clock_offsets.items()
+            f"{link.name}'s is {math.fabs(s):.0f} s {'behind' if s < 0 else 'ahead'}"
+            for link in self._links
+            if math.fabs(s := link.clock_off_s) > _CLOCK_S
         ]
         return text + (f"; clocks differ: {', '.join(words)}" if words else "")
 
@@ -249,7 +242,7 @@ class RunHosts:
         out = self._settings.out
         pool = self._pool
         hosts = {
-            link.name: HostPart(
+            link.name: seal.HostPart(
                 host_and_port(pool.workers[link.name])[0],
                 pool.offers[link.name].cores,
                 link.robots,
@@ -259,11 +252,11 @@ class RunHosts:
             for link in self._links
         }
         left = {
-            record.relative_to(out).as_posix(): RemoteFile(link.name, one.bytes, one.sha256)
+            record.relative_to(out).as_posix(): seal.RemoteFile(link.name, one.bytes, one.sha256)
             for link in self._links
             for record, one in link.left.items()
         }
-        seal.write_hosts(out, HostsFile(pool.address, self._run_id, hosts, left))
+        seal.write_hosts(out, seal.HostsFile(pool.address, self._run_id, hosts, left))
 
     @property
     def remaining_files(self) -> str:

@@ -201,7 +201,9 @@ def continue_run(
     if difference is None:
         console.print(f"identical to {origin}: same digest")
     else:
-        _print_difference(console, difference)
+        console.print(f"first difference: {difference.words}")
+        robots = ", ".join(f"{robot} from {at:g} s" for robot, at in sorted(difference.robots.items()))
+        console.print(f"robots that differ: {robots or 'none'}")
     _print_control(console, branched, at_s)
     if branched.failed_events:
         failed_events = "; ".join(branched.failed_events)
@@ -218,9 +220,3 @@ def _print_control(console: Console, branched: BranchResult, at_s: float) -> Non
         console.print(f"{compared}identical, so the new settings have no effect")
     else:
         console.print(f"{compared}first difference: {control.divergence.words}")
-
-
-def _print_difference(console: Console, difference: Divergence) -> None:
-    console.print(f"first difference: {difference.words}")
-    robots = ", ".join(f"{robot} from {at:g} s" for robot, at in sorted(difference.robots.items()))
-    console.print(f"robots that differ: {robots or 'none'}")

@@ -12,8 +12,7 @@ from contextlib import ExitStack, contextmanager
 from types import FrameType
 from typing import Final, NoReturn
 
-from actors.messages import PROGRESS, ROSTER, ProcessOrder, Progress
-from actors.messages import Roster as RosterMessage
+from actors.messages import PROGRESS, ROSTER, ProcessOrder, Progress, Roster
 from actors.processes.kernel_compilation import kernel_modules
 from actors.processes.launcher import Program
 from actors.processes.monitor import AwaitedProcess, StallDetector, StepDelays
@@ -36,7 +35,6 @@ from actors.runtime.failure import (
 )
 from actors.runtime.linux import PR_SET_CHILD_SUBREAPER, prctl
 from actors.runtime.process import ActorProcess, final_note
-from actors.runtime.process_table import ProcessState, leftover_fault
 from actors.runtime.processor import fingerprints
 from actors.runtime.recording import Recorder
 from actors.runtime.shell import MemoryBus, Shell, run_shells
@@ -120,7 +118,7 @@ def end_leftovers() -> Iterator[None]:
         yield
     finally:
         leftovers = process_table.children(os.getpid(), process_table.processes()) - children
-        fault = leftover_fault(process_table.kill_orphans(leftovers) > 0, threads)
+        fault = process_table.leftover_fault(process_table.kill_orphans(leftovers) > 0, threads)
         _adopt_orphans(False)
     if fault is not None:
         raise AcrcError(f"a strategy failed: {fault}")
@@ -151,7 +149,9 @@ class MemorySwarm:
         self._write_board: WriteBoard | None = None
         """Publishes the current actor for the watchdog."""
         self._stalls = StallDetector(
-            plan.timeout, _say, table=lambda: {os.getpid(): ProcessState(0, 0, "S", time.process_time())}
+            plan.timeout,
+            _say,
+            table=lambda: {os.getpid(): process_table.ProcessState(0, 0, "S", time.process_time())},
         )
         self.rosters = 0
         """Roster messages received."""
@@ -300,11 +300,11 @@ class MemorySwarm:
         message = decode(delivery.topic, delivery.key, delivery.payload)
         if isinstance(message, Progress):
             self._on_progress(message)
-        elif isinstance(message, RosterMessage):
+        elif isinstance(message, Roster):
             self.rosters += 1
             self._restart(message)
 
-    def _restart(self, roster: RosterMessage) -> None:
+    def _restart(self, roster: Roster) -> None:
         robots = {robot.id: robot for robot in self._plan.world.robots}
         for order in roster.start:
             for program, _, shell, _ in self._actors:

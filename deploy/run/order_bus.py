@@ -48,6 +48,8 @@ _VERB_SYNTAX: Final[Mapping[str, tuple[str, Callable[..., Order]]]] = MappingPro
 })  # fmt: skip
 """Arguments of each verb, usually the order's fields, and a function that returns the order."""
 VERBS: Final = tuple(_VERB_SYNTAX)
+_PATIENCE_S: Final = 10.0
+"""Timeout for the answer of a run, s."""
 
 
 def syntax() -> str:
@@ -78,11 +80,11 @@ def _values(arguments: Sequence[str], words: Sequence[str]) -> Iterable[str | fl
     return [word if argument in _NAMES else float(word) for argument, word in pairs]
 
 
-def send(out: Path, order: Order, *, patience_s: float = 10.0) -> str | None:
+def send(out: Path, order: Order) -> str | None:
     """Send an order to the run that writes to `out`; it is executed at the start of the next step.
 
     Return None if it was carried out, else the reason of its refusal. Raises AcrcError if no run is in
-    progress there, or it does not answer within `patience_s`.
+    progress there, or it does not answer within `_PATIENCE_S`.
     """
     file = out / "world" / credentials.ROUTER_FILE
     if not file.is_file():
@@ -92,11 +94,11 @@ def send(out: Path, order: Order, *, patience_s: float = 10.0) -> str | None:
     ticket = secrets.token_hex(8)
     with open_mesh(config, (at(ANSWERED),), patience_s=5.0) as bus:
         bus.publish(CONTROL.key(), encode(Control(0, (order,), ticket)))
-        answer = _await_answer(bus, ticket, time.monotonic() + patience_s)
+        answer = _await_answer(bus, ticket, time.monotonic() + _PATIENCE_S)
     if answer is None:
         raise AcrcError(
-            f"{out}: the run has not answered within {patience_s:g} s; it executes the order at the start of "
-            "its next step, or run.json lists it as refused"
+            f"{out}: the run has not answered within {_PATIENCE_S:g} s; it executes the order at the start "
+            "of its next step, or run.json lists it as refused"
         )
     return "; ".join(answer.refusals) or None
 

@@ -143,12 +143,6 @@ class RunPlan(Swarm):
             (self.out / place).parent.mkdir(exist_ok=True)
             shutil.copy(source, self.out / place)
 
-    def sandbox_paths(self, robot: str, record: str) -> SandboxPaths:
-        """Return the paths to map into a robot's sandbox; `record`: file name of its recording."""
-        folder = self.folder(robot).resolve()
-        hidden = tuple(str(path.absolute()) for path in self.options.hidden)
-        return SandboxPaths(str(folder), str(folder / record), self.code, hidden)
-
     @property
     def code(self) -> tuple[str, ...]:
         """Absolute paths of the folders with the user's code."""
@@ -275,7 +269,8 @@ def robot_program(
         _relative_robot_setup(plan, robot), epoch=order.epoch, first_step=first_step
     )
     program = actor_program(robot.id, "actors.robot", folder, ActorSetup(setup, process))
-    names = plan.sandbox_paths(robot.id, f"{name}.mcap") if is_isolated else None
+    real, hidden = folder.resolve(), tuple(str(path.absolute()) for path in plan.options.hidden)
+    names = SandboxPaths(str(real), str(real / process.record), plan.code, hidden) if is_isolated else None
     return replace(program, argv=(str(seen / SETUP),), names=names)
 
 

@@ -3,9 +3,7 @@
 import contextlib
 import signal
 import time
-from collections import deque
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
@@ -31,19 +29,8 @@ if TYPE_CHECKING:  # needs the cluster packages
     from deploy.hosts.run_hosts import HostedLauncher
 
 
-@dataclass(frozen=True)
-class RestartPolicy:
-    """Maximum number of restarts that were not ordered, per period."""
-
-    starts: int = 0
-    within_s: float = 60.0
-
-
-NO_RESTARTS: Final = RestartPolicy()
-
-
 class Supervisor:
-    """Supervisor that starts processes, limits restarts and can end all of them."""
+    """Supervisor that starts processes and can end all of them."""
 
     POLL_S = 0.05
     GRACE_S = 3.0
@@ -54,16 +41,13 @@ class Supervisor:
     def __init__(
         self,
         launcher: "Launcher | HostedLauncher",
-        policy: RestartPolicy = NO_RESTARTS,
         say: Callable[[str], None] = lambda sentence: None,
         poll: Callable[[], None] = lambda: None,
     ) -> None:
         """`say`: prints a sentence for the user. `poll`: called while waiting."""
         self._launcher = launcher
-        self._policy = policy
         self._say = say
         self._poll = poll
-        self._restarts: deque[float] = deque()
         self._children: list[ChildProcess] = []
 
     @property
@@ -79,19 +63,6 @@ class Supervisor:
     def start(self, programs: Iterable[Program]) -> None:
         """Start processes."""
         self._children.extend(self._launcher.start(program) for program in programs)
-
-    def count_restart(self, owner: str, name: str, child: ChildProcess) -> None:
-        """Count a restart of `child`; end all and raise AcrcError above the policy's limit."""
-        now, policy = time.monotonic(), self._policy
-        self._restarts.append(now)
-        while self._restarts and self._restarts[0] < now - policy.within_s:
-            self._restarts.popleft()
-        if len(self._restarts) > policy.starts:
-            self.end_all()
-            raise AcrcError(
-                f"{owner}: its processes were started {policy.starts} times within {policy.within_s:g} s, "
-                f"and {name} has ended again {exit_description(child)}"
-            )
 
     def end_all(self) -> None:
         """Send SIGTERM to all processes, then SIGKILL."""
@@ -152,7 +123,7 @@ class RunSupervisor(Supervisor):
         say: Callable[[str], None] = lambda sentence: None,
     ) -> None:
         """`restart`: returns the program of an ordered restart at a step."""
-        super().__init__(launcher, NO_RESTARTS, say)
+        super().__init__(launcher, say)
         self._restart = restart
         self._on_progress = on_progress
         self._resources = resources

@@ -8,7 +8,7 @@ import signal
 import sys
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager, nullcontext
+from contextlib import AbstractContextManager, closing, nullcontext
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
@@ -82,24 +82,19 @@ _MAX_CODE_BYTES: Final = 64 << 20
 """Maximum size of a strategy's code for hosts, bytes."""
 
 
-@contextmanager
-def allocated_hosts(options: RunOptions) -> Iterator["HostPool | None"]:
-    """Yield the hosts allocated for `options.on`; None if the robots run here. Raises AcrcError."""
+def allocated_hosts(options: RunOptions) -> AbstractContextManager["HostPool | None"]:
+    """Return a context of the hosts for `options.on`; None if the robots run here. Raises AcrcError."""
     if not options.on:
-        yield None
-        return
+        return nullcontext()
     from deploy.hosts.allocation import allocate_hosts  # noqa: PLC0415
 
-    with allocate_hosts(options.on, parse_listen(options.listen) if options.listen else None) as pool:
-        yield pool
+    return allocate_hosts(options.on, parse_listen(options.listen) if options.listen else None)
 
 
-@contextmanager
-def started_hosts(plan: RunPlan, pool: "HostPool | None") -> Iterator["RunHosts | None"]:
-    """Yield the hosts of a run, with started agents; None if the robots run here. Raises AcrcError."""
+def started_hosts(plan: RunPlan, pool: "HostPool | None") -> AbstractContextManager["RunHosts | None"]:
+    """Return a context of the hosts with started agents; None if the robots run here. Raises AcrcError."""
     if pool is None:
-        yield None
-        return
+        return nullcontext()
     from deploy.hosts.allocation import distribute_robots  # noqa: PLC0415
     from deploy.hosts.run_hosts import HostSettings, RunHosts  # noqa: PLC0415
 
@@ -115,11 +110,7 @@ def started_hosts(plan: RunPlan, pool: "HostPool | None") -> Iterator["RunHosts 
         leave=plan.options.leave,
         code=tuple(tuple(_code_files(folder, plan.options.hidden)) for folder in plan.options.modules),
     )
-    hosts = RunHosts(pool, robots_by_host, plan.folder("world").resolve() / _KEYS, shared)
-    try:
-        yield hosts
-    finally:
-        hosts.close()
+    return closing(RunHosts(pool, robots_by_host, plan.folder("world").resolve() / _KEYS, shared))
 
 
 def _code_files(folder: Path, hidden: tuple[Path, ...]) -> Iterator[tuple[str, Path]]:
@@ -301,7 +292,7 @@ def plan(scenario: Scenario, options: RunOptions, hosts_fault: str | None = None
         timeout=Timeout(step_s=options.timeout_s if options.debug is None else math.inf),
         debug=_debugged_robot(resolved, options),
     )
-    if options.bus == "memory":
+    if memory:
         expect_hashes(options.recorded)
         with run_watchdog(planned.timeout.step_s) if planned.has_user_code else nullcontext():
             preflight_in_process(resolved, options.modules)
@@ -357,7 +348,7 @@ def run_processes(
 
 
 def _supervise(
-    plan: RunPlan, launcher: Launcher, on_progress: OnProgress, hosts: "RunHosts | None" = None
+    plan: RunPlan, launcher: Launcher, on_progress: OnProgress, hosts: "RunHosts | None"
 ) -> RunSupervisor:
     """Start the processes and wait for their exit."""
     launcher.withdraw(router_file(plan))

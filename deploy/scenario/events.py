@@ -25,15 +25,11 @@ def robot_fault(scenario: Scenario) -> str | None:
 
     Raises AcrcError for items of another type.
     """
-    return _id_fault(scenario) or _task_fault(scenario)
-
-
-def _id_fault(scenario: Scenario) -> str | None:
     ids = [robot.id for robot in scenario.robot]
     for index, robot in enumerate(ids):
         if robot not in scenario.ids:
             return f'robot[{index}].id is "{robot}", but must be {known_robots(scenario)}'
-    return repetition_fault(ids, "robot[{}].id", "give each robot one table")
+    return repetition_fault(ids, "robot[{}].id", "give each robot one table") or _task_fault(scenario)
 
 
 def _task_fault(scenario: Scenario) -> str | None:

@@ -40,6 +40,9 @@ from deploy.scenario.events import (
 )
 from deploy.scenario.tables import RobotTable, Scenario
 
+StartPose = tuple[float, float, float]
+"""x, y, m, and heading, rad."""
+
 
 class LayoutError(AcrcError):
     """A start, item or event that does not fit the floor plan."""
@@ -132,9 +135,7 @@ def resolve(scenario: Scenario) -> ResolvedScenario:
     check_events(grid, specs, scenario)
     check_doors(grid, specs, scenario)
     robots = tuple(
-        BodySetup(
-            **asdict(spec.table) | {"start": start, "items": _plain(_items(grid, spec, start, scenario))}
-        )
+        BodySetup(**asdict(spec.table) | {"start": start, "items": _items(grid, spec, start, scenario)})
         for spec, start in zip(specs, start_poses, strict=True)
     )
     explicit = _explicit_scenario(scenario, robots)
@@ -244,11 +245,9 @@ def _explicit_scenario(scenario: Scenario, robots: Sequence[BodySetup]) -> Scena
     )
 
 
-def starts(
-    grid: OccupancyGrid, specs: Sequence[RobotSpec], scenario: Scenario
-) -> list[tuple[float, float, float]]:
+def starts(grid: OccupancyGrid, specs: Sequence[RobotSpec], scenario: Scenario) -> list[StartPose]:
     """Return the robots' start poses in order: as in the scenario, else drawn apart from all others."""
-    poses: dict[str, tuple[float, float, float]] = {}
+    poses: dict[str, StartPose] = {}
     for index, spec in enumerate(specs):
         pose = spec.table.start
         if pose is None and index < len(scenario.robots.start):
@@ -291,7 +290,7 @@ def _draw_start(
     return point
 
 
-def _check_distances(specs: Sequence[RobotSpec], poses: dict[str, tuple[float, float, float]]) -> None:
+def _check_distances(specs: Sequence[RobotSpec], poses: dict[str, StartPose]) -> None:
     for index, spec in enumerate(specs):
         here = Point(*poses[spec.id][:2])
         for other in specs[:index]:
@@ -335,10 +334,8 @@ def check_doors(grid: OccupancyGrid, specs: Sequence[RobotSpec], scenario: Scena
         closed ^= {door.index}
 
 
-def _items(
-    grid: OccupancyGrid, spec: RobotSpec, start: tuple[float, float, float], scenario: Scenario
-) -> tuple[Any, ...]:
-    """Return the robot's items: listed in its table, or drawn by the task."""
+def _items(grid: OccupancyGrid, spec: RobotSpec, start: StartPose, scenario: Scenario) -> tuple[Any, ...]:
+    """Return the robot's items as in a file: listed in its table, or drawn by the task."""
     (task, settings), listed = scenario_task(scenario), spec.table.items
     if listed is not None:
         items = decode_items(task, listed)
@@ -362,14 +359,9 @@ def _items(
                 f"{task.declaration.item} {index} of robot {spec.id} is {text}, "
                 f"but must {fault} of {scenario.map}"
             )
-    return items
+    return tuple(tuple(one) if isinstance(one, list) else one for one in map(to_builtins, items))
 
 
 def _item_fault(task: Task, item: Any, grid: OccupancyGrid) -> str | None:
     with named_faults(task, "check"):
         return task.check(item, grid)
-
-
-def _plain(items: Sequence[Any]) -> tuple[Any, ...]:
-    """Return items as in a file, where structs are lists."""
-    return tuple(tuple(one) if isinstance(one, list) else one for one in map(to_builtins, items))

@@ -126,7 +126,10 @@ def _apply_overrides(content: dict[str, Any], overrides: Overrides) -> Mapping[t
         raise OptionError(f"--navigation: {IMPROVED_REMOVED}")
     if overrides.navigation not in {None, *NAVIGATION_PRESETS}:
         raise wrong_value("--navigation", overrides.navigation, wording.one_of(tuple(NAVIGATION_PRESETS)))
-    _drop_other_settings(content, overrides.strategy)
+    run = content.get("run")
+    file_strategy = run.get("strategy") if isinstance(run, dict) else None
+    if overrides.strategy is not None and file_strategy not in (None, overrides.strategy):
+        content.pop("strategy", None)  # the settings of another strategy
     for dotted, value in overrides.settings:
         keys = tuple(dotted.split("."))
         _set_key(content, keys, value, dotted)
@@ -166,14 +169,6 @@ def parse_settings(words: Sequence[str]) -> tuple[tuple[str, Any], ...]:
             value = text.strip()
         settings.append((key.strip(), value))
     return tuple(settings)
-
-
-def _drop_other_settings(content: dict[str, Any], strategy: str | None) -> None:
-    """Drop the table [strategy] if it belongs to another strategy than the requested one."""
-    run = content.get("run")
-    file_strategy = run.get("strategy") if isinstance(run, dict) else None
-    if strategy is not None and file_strategy is not None and file_strategy != strategy:
-        content.pop("strategy", None)
 
 
 def _number(value: float | str) -> float | str:

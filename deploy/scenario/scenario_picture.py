@@ -18,7 +18,6 @@ from actors.array_types import Floats
 from actors.floor.grid import OccupancyGrid
 from actors.geometry import Point
 from actors.observer import glyphs
-from actors.observer.glyphs import Mark
 from actors.radio.radio_model import radio_model, required_dbm
 from actors.robot_model import RobotModel
 from actors.world.program import initial_marks
@@ -86,7 +85,7 @@ def _floor_legend(found: MapSurvey) -> list[Artist]:
     handles: list[Artist] = [
         Patch(color=floor_picture.DOOR, label="narrow place: robots cannot pass each other")
     ]
-    if ((found.parts.labels > 0) & ~found.reached).any():
+    if found.unreachable.any():
         handles.append(Patch(color=floor_picture.SHUT, label="wide enough for a robot, but no path"))
     return handles
 
@@ -130,7 +129,7 @@ def _lattice(grid: OccupancyGrid) -> tuple[Floats, Floats]:
     return x, y
 
 
-def _legend(found: ScenarioSurvey, shown: Sequence[Mark], *, few: bool) -> list[Artist]:
+def _legend(found: ScenarioSurvey, shown: Sequence[glyphs.Mark], *, few: bool) -> list[Artist]:
     handles: list[Artist] = [
         Line2D([], [], marker="o", ls="", ms=8, color=style.INK, label="start of a robot"),
     ]

@@ -1,7 +1,7 @@
 """Properties of scenarios, maps and robot models, and warnings about expected problems of a run."""
 
 import math
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from functools import cache
 from itertools import combinations
@@ -41,7 +41,7 @@ from actors.runtime.processor import first_names
 from actors.task.loading import load_task
 from actors.world.sensing import RangeSensors
 from actors.world.world_setup import BodySetup
-from deploy.scenario.resolve import ResolvedScenario
+from deploy.scenario.resolve import ResolvedScenario, StartPose
 from deploy.scenario.scenario_file import map_title, readable_tables
 
 _CYCLE_US: Final = 200_000
@@ -184,7 +184,7 @@ def _required_distance(floor: _Floor, robot: BodySetup, gap: float, max_distance
     return max_distance
 
 
-def _can_drive_off(floor: _Floor, robot: BodySetup, start: tuple[float, float, float]) -> bool:
+def _can_drive_off(floor: _Floor, robot: BodySetup, start: StartPose) -> bool:
     """Return whether the robot's navigation finds a first command towards its first item."""
     model, grid = floor.model(robot.model, robot.sensor), floor.resolved.grid
     stack = msgspec.structs.replace(floor.resolved.stack, localisation=None)
@@ -353,6 +353,44 @@ class MapSurvey:
         """Reachable floor, m²."""
         return float(self.reached.sum()) * self.grid.resolution**2
 
+    @property
+    def unreachable(self) -> Flags:
+        """(rows, columns): cells that are wide enough for its centre, but have no path."""
+        return (self.parts.labels > 0) & ~self.reached
+
+    def sentences(self) -> Iterator[str]:
+        """Yield the properties as sentences."""
+        facts, origin, cell = self.json_content(), self.grid.origin, self.grid.resolution**2
+        yield (
+            f"{self.name}: {facts['width_m']:.1f} m by {facts['depth_m']:.1f} m in cells "
+            f"of {facts['cell_m']:g} m, from ({origin.x:g}, {origin.y:g}) on; "
+            f"free {facts['free_m2']:.0f} m², unknown {facts['unknown_m2']:.0f} m²"
+        )
+        yield from (f"warning: {warning}" for warning in self.warnings)
+        if not facts["reached_m2"]:
+            yield f"a robot of {2 * self.radius:g} m fits nowhere"
+            return
+        narrow, diameter = _narrow_places(facts["narrow_places"]), 2 * self.radius
+        yield f"the centre of a robot of {diameter:g} m can reach {facts['reached_m2']:.0f} m²; {narrow}"
+        apart = self.unreachable.sum() * cell
+        if apart >= cell:
+            yield f"{apart:.1f} m² more are wide enough, but no path leads there from the largest part"
+
+    def json_content(self) -> dict[str, Any]:
+        """Return the properties as JSON content, in m, m²."""
+        grid, cell = self.grid, self.grid.resolution**2
+        return {
+            "is": "map",
+            "name": self.name,
+            "warnings": list(self.warnings),
+            **_size(grid),
+            "cell_m": grid.resolution,
+            "free_m2": float(grid.free.sum() * cell),
+            "unknown_m2": float((grid.cells == UNKNOWN).sum() * cell),
+            "reached_m2": self.surface,
+            "narrow_places": len(self.parts.doors),
+        }
+
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class ScenarioSurvey(MapSurvey):
@@ -365,6 +403,51 @@ class ScenarioSurvey(MapSurvey):
     """Pairs of one robot's items, and their distance in m, so close that one visit may do both."""
     radio_reach: float
     """Distance in line of sight at which half of the longest frames arrive, m."""
+
+    def sentences(self) -> Iterator[str]:
+        """Yield the properties as sentences."""
+        facts = self.json_content()
+        floor, count, words = facts["floor"], facts["robots"], self.resolved.world.task.declaration
+        work = f"{facts['items']} {words.items}" if facts["items"] else f"task {words.name}"
+        yield (
+            f"{count} robot{'s' * (count > 1)}, {work}, {facts['duration_s']:g} s at most, "
+            f"strategy {facts['strategy']}, seed {facts['seed']}"
+        )
+        yield (
+            f"floor: {floor['width_m']:.1f} m by {floor['depth_m']:.1f} m, of which a robot's centre can "
+            f"reach {floor['reached_m2']:.0f} m²; {facts['regions']} regions, "
+            f"{_narrow_places(floor['narrow_places'])}"
+        )
+        yield f"navigation {facts['navigation']}, localisation {facts['localisation']}"
+        yield f"radio: half of the longest frames arrive at {facts['radio_reach_m']:.1f} m in line of sight"
+        people = self.resolved.scenario.people
+        if people is not None and people.count:
+            yield f"people: {people.count}, walking between {people.between}"
+        for one, other, apart in self.close:
+            yield f"{words.items} {one} and {other} are {apart:.2f} m apart: one visit may do both"
+        yield from (f"warning: {sentence}" for sentence in self.warnings)
+
+    def json_content(self) -> dict[str, Any]:
+        """Return the properties as JSON content, in m, m², s."""
+        world, grid = self.resolved.world, self.grid
+        return {
+            "is": "scenario",
+            "robots": len(world.robots),
+            "task": self.resolved.scenario.task.use,
+            "items": world.initial_work,
+            "duration_s": world.duration_us / 1e6,
+            "strategy": self.resolved.scenario.run.strategy,
+            "seed": world.seed,
+            "floor": {**_size(grid), "reached_m2": self.surface, "narrow_places": len(self.parts.doors)},
+            "regions": self.parts.count,
+            "radio_reach_m": self.radio_reach,
+            "warnings": self.warnings,
+            **self.resolved.scenario.presets,
+            "out_of_reach": [str(key) for key in self.out_of_reach],
+            "close": [
+                {"one": str(one), "other": str(other), "apart_m": apart} for one, other, apart in self.close
+            ],
+        }
 
 
 def survey(resolved: ResolvedScenario) -> ScenarioSurvey:
@@ -382,25 +465,21 @@ def survey(resolved: ResolvedScenario) -> ScenarioSurvey:
         parts=regions(grid, passable(grid, radius), grid.clearance),
         out_of_reach=tuple(floor.unreached),
         warnings=scenario_warnings(resolved, floor),
-        close=tuple(_close_pairs(resolved, load_task(world.task.use).reach)),
+        close=tuple(
+            (ItemKey(body.id, one), ItemKey(body.id, other), apart)
+            for body in world.robots
+            for (one, here), (other, there) in combinations(resolved.points(body), 2)
+            if (apart := math.dist(here, there)) < load_task(world.task.use).reach
+        ),
         radio_reach=reach(radio_model(resolved.radio).parameters),
     )
-
-
-def _close_pairs(resolved: ResolvedScenario, near: float) -> list[tuple[ItemKey, ItemKey, float]]:
-    return [
-        (ItemKey(body.id, one), ItemKey(body.id, other), apart)
-        for body in resolved.world.robots
-        for (one, here), (other, there) in combinations(resolved.points(body), 2)
-        if (apart := math.dist(here, there)) < near
-    ]
 
 
 def sentences(found: MapSurvey | RobotModel) -> Iterable[str]:
     """Return the survey as sentences."""
     if isinstance(found, RobotModel):
         return _model_sentences(found)
-    return _scenario_sentences(found) if isinstance(found, ScenarioSurvey) else _map_sentences(found)
+    return found.sentences()
 
 
 def json_content(found: MapSurvey | RobotModel) -> dict[str, Any]:
@@ -409,52 +488,7 @@ def json_content(found: MapSurvey | RobotModel) -> dict[str, Any]:
         content: dict[str, Any] = msgspec.to_builtins(found)
         sensor, name = content.pop("sensors")[found.default_sensor], content.pop("default_sensor")
         return {"is": "robot model", **content, "sensor": sensor, "sensor_name": name}
-    return _scenario_json(found) if isinstance(found, ScenarioSurvey) else _map_json(found)
-
-
-def _scenario_sentences(found: ScenarioSurvey) -> Sequence[str]:
-    facts = _scenario_json(found)
-    floor, count, words = facts["floor"], facts["robots"], found.resolved.world.task.declaration
-    work = f"{facts['items']} {words.items}" if facts["items"] else f"task {words.name}"
-    lines = [
-        f"{count} robot{'s' * (count > 1)}, {work}, "
-        f"{facts['duration_s']:g} s at most, "
-        f"strategy {facts['strategy']}, seed {facts['seed']}",
-        f"floor: {floor['width_m']:.1f} m by {floor['depth_m']:.1f} m, of which a robot's centre can reach "
-        f"{floor['reached_m2']:.0f} m²; {facts['regions']} regions, {_narrow_places(floor['narrow_places'])}",
-        f"navigation {facts['navigation']}, localisation {facts['localisation']}",
-        f"radio: half of the longest frames arrive at {facts['radio_reach_m']:.1f} m in line of sight",
-    ]
-    people = found.resolved.scenario.people
-    if people is not None and people.count:
-        lines.append(f"people: {people.count}, walking between {people.between}")
-    lines += [
-        f"{words.items} {one} and {other} are {apart:.2f} m apart: one visit may do both"
-        for one, other, apart in found.close
-    ]
-    return [*lines, *(f"warning: {sentence}" for sentence in found.warnings)]
-
-
-def _scenario_json(found: ScenarioSurvey) -> dict[str, Any]:
-    world, grid = found.resolved.world, found.grid
-    return {
-        "is": "scenario",
-        "robots": len(world.robots),
-        "task": found.resolved.scenario.task.use,
-        "items": world.initial_work,
-        "duration_s": world.duration_us / 1e6,
-        "strategy": found.resolved.scenario.run.strategy,
-        "seed": world.seed,
-        "floor": {**_size(grid), "reached_m2": found.surface, "narrow_places": len(found.parts.doors)},
-        "regions": found.parts.count,
-        "radio_reach_m": found.radio_reach,
-        "warnings": found.warnings,
-        **found.resolved.scenario.presets,
-        "out_of_reach": [str(key) for key in found.out_of_reach],
-        "close": [
-            {"one": str(one), "other": str(other), "apart_m": apart} for one, other, apart in found.close
-        ],
-    }
+    return found.json_content()
 
 
 def _size(grid: OccupancyGrid) -> dict[str, float]:
@@ -473,39 +507,6 @@ def survey_map(path: Path) -> MapSurvey:
         name=path.name, grid=grid, radius=radius, reached=largest_region(grid, radius), parts=parts,
         warnings=map_warnings(path),
     )  # fmt: skip
-
-
-def _map_sentences(found: MapSurvey) -> Iterator[str]:
-    facts, origin, cell = _map_json(found), found.grid.origin, found.grid.resolution**2
-    yield (
-        f"{found.name}: {facts['width_m']:.1f} m by {facts['depth_m']:.1f} m in cells "
-        f"of {facts['cell_m']:g} m, from ({origin.x:g}, {origin.y:g}) on; free {facts['free_m2']:.0f} m², "
-        f"unknown {facts['unknown_m2']:.0f} m²"
-    )
-    yield from (f"warning: {warning}" for warning in found.warnings)
-    if not facts["reached_m2"]:
-        yield f"a robot of {2 * found.radius:g} m fits nowhere"
-        return
-    narrow = _narrow_places(facts["narrow_places"])
-    yield f"the centre of a robot of {2 * found.radius:g} m can reach {facts['reached_m2']:.0f} m²; {narrow}"
-    apart = ((found.parts.labels > 0) & ~found.reached).sum() * cell
-    if apart >= cell:
-        yield f"{apart:.1f} m² more are wide enough, but no path leads there from the largest part"
-
-
-def _map_json(found: MapSurvey) -> dict[str, Any]:
-    grid, cell = found.grid, found.grid.resolution**2
-    return {
-        "is": "map",
-        "name": found.name,
-        "warnings": list(found.warnings),
-        **_size(grid),
-        "cell_m": grid.resolution,
-        "free_m2": float(grid.free.sum() * cell),
-        "unknown_m2": float((grid.cells == UNKNOWN).sum() * cell),
-        "reached_m2": found.surface,
-        "narrow_places": len(found.parts.doors),
-    }
 
 
 def is_model(path: Path) -> bool:

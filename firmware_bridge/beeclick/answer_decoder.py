@@ -137,6 +137,7 @@ class AnswerReader:
 
     def __init__(self) -> None:
         self.aligned = False
+        """Set it to False to search for the next SYNC answer."""
         self.junk_bytes = 0
         """Number of bytes skipped while searching."""
         self._bytes = bytearray()
@@ -150,10 +151,6 @@ class AnswerReader:
     def feed(self, data: bytes) -> None:
         """Append bytes; then call `next` until it returns None."""
         self._bytes += data
-
-    def search(self) -> None:
-        """Discard the alignment and search for the next SYNC answer."""
-        self.aligned = False
 
     def reset(self) -> None:
         """Discard all bytes, before a new connection."""
@@ -272,25 +269,17 @@ def _degrees(angle: str, hemisphere: str, digits: int, hemispheres: str, limit: 
 
 COUNTER_NAMES: Final = (
     # Outcomes of packets.
-    *("sent", "failed", "unconfirmed", "overflowed", "refused", "forgotten"),
+    "sent", "failed", "unconfirmed", "overflowed", "refused", "forgotten",
     # Received messages: passed on, dropped or damaged.
-    *("heard", "other_pan", "own_address", "bad_fcs", "fixes", "bad_sentence", "temperatures", "humidities"),
-    *("bad_sensor", "infos"),
+    "heard", "other_pan", "own_address", "bad_fcs", "fixes", "bad_sentence", "temperatures", "humidities",
+    "bad_sensor", "infos",
     # Synchronisation.
-    *("answers", "syncs", "ups", "probes", "silent", "lost", "junk_bytes"),
+    "answers", "syncs", "ups", "probes", "silent", "lost", "junk_bytes",
     # Noise: invalid bytes, then missing and unexpected answers.
-    *("unknown_type", "bad_length", "bad_pattern", "bad_status", "bad_channel", "bad_power", "bad_text"),
-    *(
-        "bad_temperature",
-        "swallowed_sync",
-        "stalled",
-        "no_confirmation",
-        "no_echo",
-        "echo_skipped",
-        "answer_skipped",
-    ),
-    *("strange_confirmation", "strange_echo", "late_sync", "late_confirmation", "late_echo"),
-)
+    "unknown_type", "bad_length", "bad_pattern", "bad_status", "bad_channel", "bad_power", "bad_text",
+    "bad_temperature", "swallowed_sync", "stalled", "no_confirmation", "no_echo", "echo_skipped",
+    "answer_skipped", "strange_confirmation", "strange_echo", "late_sync", "late_confirmation", "late_echo",
+)  # fmt: skip
 """Counters of a link, in the order of output."""
 
 

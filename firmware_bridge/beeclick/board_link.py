@@ -298,7 +298,7 @@ class BoardLink:
         else:
             cause = "strange_confirmation" if isinstance(answer, PacketConfirmation) else "strange_echo"
             self._handle_noise(now, cause)
-            self._reader.search()
+            self._reader.aligned = False
 
     def _handle_noise(self, now: Instant, cause: str) -> None:
         self.counters[cause] += 1
@@ -308,7 +308,7 @@ class BoardLink:
         """Handle timeouts; return True if the reader has to search the buffered bytes."""
         stalled = self._reader.is_partial and now >= self._received_at + _STALL
         if stalled:
-            self._reader.search()
+            self._reader.aligned = False
             self._handle_noise(now, "stalled")
         if self.phase is LinkPhase.SYNCING:
             if not self._has_timed_out and now >= self._sync_started + _GIVE_UP:

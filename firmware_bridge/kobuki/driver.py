@@ -10,7 +10,6 @@ from typing import Final, NamedTuple
 
 from actors.instant import Duration, Instant, milliseconds
 from firmware_bridge.kobuki import kobuki_motion
-from firmware_bridge.kobuki.kobuki_motion import KobukiOdometry
 from firmware_bridge.kobuki.kobuki_packets import (
     LED1_GREEN,
     LED1_RED,
@@ -110,7 +109,7 @@ class KobukiDriver:
         """Battery level; None before the first feedback."""
         self.volts: float | None = None
         """Battery voltage; None before the first feedback."""
-        self.odometry = KobukiOdometry()
+        self.odometry = kobuki_motion.KobukiOdometry()
         self.found = False
         """True while feedback is received."""
         self.allowed = AllowedMotion(0.0, 0.0, ())

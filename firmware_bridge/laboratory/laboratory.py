@@ -4,7 +4,7 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any, Final, NamedTuple
+from typing import Annotated, Final, NamedTuple
 
 import msgspec
 import numpy as np
@@ -394,30 +394,32 @@ _USAGE: Final = {
     "where": "",
 }
 """Arguments after verb and robot."""
-_FAULTS: Final[Mapping[str, tuple[str, str, Any]]] = {
-    "ignore-commands": ("base", "deaf", True),
-    "cliff": ("base", "cliff", 7),
-    "gyro works": ("base", "gyro", "works"),
-    "gyro frozen": ("base", "gyro", "frozen"),
-    "gyro absent": ("base", "gyro", "absent"),
-    "lift": ("base", "wheel_drop", 3),
-    "put-down": ("base", "wheel_drop", 0),
-    "press bumper": ("base", "bumper", 2),
-    "press left": ("base", "bumper", 4),
-    "press centre": ("base", "bumper", 2),
-    "press right": ("base", "bumper", 1),
-    "release": ("base", "bumper", 0),
-    "silence base": ("base", "silent", True),
-    "overcurrent left": ("base", "overcurrent", 1),
-    "overcurrent right": ("base", "overcurrent", 2),
-    "overcurrent none": ("base", "overcurrent", 0),
-    "no-echo": ("lidar", "dark", True),
-    "block-lidar": ("lidar", "stuck", True),
-    "fail-lidar": ("lidar", "health", Health(2, 1)),
-    "silence range": ("lidar", "silent", True),
+_BASE_FAULTS: Final[Mapping[str, tuple[str, object]]] = {
+    "ignore-commands": ("deaf", True),
+    "cliff": ("cliff", 7),
+    "gyro works": ("gyro", "works"),
+    "gyro frozen": ("gyro", "frozen"),
+    "gyro absent": ("gyro", "absent"),
+    "lift": ("wheel_drop", 3),
+    "put-down": ("wheel_drop", 0),
+    "press bumper": ("bumper", 2),
+    "press left": ("bumper", 4),
+    "press centre": ("bumper", 2),
+    "press right": ("bumper", 1),
+    "release": ("bumper", 0),
+    "silence base": ("silent", True),
+    "overcurrent left": ("overcurrent", 1),
+    "overcurrent right": ("overcurrent", 2),
+    "overcurrent none": ("overcurrent", 0),
 }
-"""Device, attribute and value by command. Faults of the lidar: no echoes, blocked head, health error,
-silence."""
+"""Attribute of the base's faults, and its value, by command."""
+_LIDAR_FAULTS: Final[Mapping[str, tuple[str, object]]] = {
+    "no-echo": ("dark", True),
+    "block-lidar": ("stuck", True),
+    "fail-lidar": ("health", Health(2, 1)),
+    "silence range": ("silent", True),
+}
+"""Attribute of the lidar, and its value: no echoes, blocked head, health error, silence."""
 _HEALTHY_LIDAR: Final = {"dark": False, "stuck": False, "health": Health(0), "silent": False}
 
 
@@ -445,9 +447,11 @@ class FaultInjector:
         return self._execute(robots[robot], robot, (verb, *words[1:])) or "ok"
 
     def _execute(self, hardware: EmulatedHardware, robot: str, words: tuple[str, ...]) -> str | None:
-        if fault := _FAULTS.get(" ".join(words)):
-            device, attribute, value = fault
-            setattr(hardware.base.faults if device == "base" else hardware.lidar, attribute, value)
+        command = " ".join(words)
+        if command in _BASE_FAULTS:
+            setattr(hardware.base.faults, *_BASE_FAULTS[command])
+        elif command in _LIDAR_FAULTS:
+            setattr(hardware.lidar, *_LIDAR_FAULTS[command])
         match words:
             case ("lift",):
                 hardware.body.drive(0.0, 0.0)

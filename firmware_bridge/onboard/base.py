@@ -19,7 +19,6 @@ from actors.robot_model import load_model
 from actors.runtime.background import BackgroundLog, BackgroundRecorder, write_stderr
 from actors.runtime.errors import AcrcError
 from actors.runtime.isolation import credentials
-from actors.runtime.isolation.credentials import publish_sockets
 from actors.runtime.isolation.tls import onboard_router_config
 from actors.runtime.linux import die_with_parent
 from actors.runtime.process import ActorProcess, run_actor, run_note
@@ -157,7 +156,9 @@ def main(argv: Sequence[str]) -> int:
         try:
             check_endpoint(setup.listen)
             recorder = BackgroundRecorder(folder / process_setup.process.record, setup.step_us)
-            return run_actor(process, recorder, config, lambda: publish_sockets(router_credentials))
+            return run_actor(
+                process, recorder, config, lambda: credentials.publish_sockets(router_credentials)
+            )
         finally:
             credentials.remove_router_file(router)
     except AcrcError as error:

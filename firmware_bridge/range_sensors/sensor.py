@@ -136,8 +136,9 @@ class RepetitionDetector:
 
     def __init__(self, stored: int, window: int, maximum: int) -> None:
         """Store up to `stored` parts; `maximum` repetitions in the last `window` parts are a fault."""
-        self._order: deque[bytes] = deque(maxlen=stored)
-        self._known: set[bytes] = set()
+        self._stored = stored
+        self._known: dict[bytes, None] = {}
+        """Stored parts, oldest first."""
         self._repeated: deque[bool] = deque(maxlen=window)
         self._most = maximum
 
@@ -150,16 +151,13 @@ class RepetitionDetector:
         """Add a part, large enough not to be repeated by chance."""
         is_repeated = part in self._known
         self._repeated.append(is_repeated)
-        if is_repeated:
-            return
-        if len(self._order) == self._order.maxlen:
-            self._known.discard(self._order[0])
-        self._order.append(part)
-        self._known.add(part)
+        if not is_repeated:
+            self._known[part] = None
+        if len(self._known) > self._stored:
+            del self._known[next(iter(self._known))]
 
     def forget(self) -> None:
         """Discard all parts."""
-        self._order.clear()
         self._known.clear()
         self._repeated.clear()
 
