@@ -208,7 +208,7 @@ class ControlServer:
                 if isinstance(data, str) and data:
                     self._link.send_order(data)
                     continue
-                self.invalid, invalid, self._scene.changed = (self.invalid + 1, invalid + 1, True)
+                self.invalid, invalid, self._scene.changed = self.invalid + 1, invalid + 1, True
                 if invalid >= MAX_INVALID_MESSAGES:
                     await connection.close(1008, "too many invalid messages")
                     return

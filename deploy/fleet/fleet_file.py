@@ -195,7 +195,15 @@ def parse_fleet(text: str, path: Path) -> Fleet:
         raise AcrcError(f"{path}: {error}") from None
     if fault:
         raise AcrcError(f"{path}: {fault}")
-    return _with_absolute_paths(file, Path(os.path.realpath(path)))
+    path = Path(os.path.realpath(path))
+    folder = path.parent
+    values = {name: getattr(file, name) for name in file.__struct_fields__} | {
+        "map": os.path.realpath(folder / file.map),
+        "keys": str(folder / (file.keys or f"{path.stem}-keys")),
+        "run": replace(file.run, modules=str(folder / (file.run.modules or "."))),
+        "robot": tuple(replace(one, model=resolve_model(one.model, folder)) for one in file.robot),
+    }
+    return Fleet(path=path, **values)
 
 
 def _fault(file: _FleetFile) -> str | None:
@@ -233,17 +241,6 @@ def _task_fault(file: _FleetFile, content: Mapping[str, Any]) -> str | None:
             return f"{key} is missing, but must be a list of {task.declaration.items}"
         decode_items(task, robot.items, key)
     return None
-
-
-def _with_absolute_paths(file: _FleetFile, path: Path) -> Fleet:
-    folder = path.parent
-    values = {name: getattr(file, name) for name in file.__struct_fields__} | {
-        "map": os.path.realpath(folder / file.map),
-        "keys": str(folder / (file.keys or f"{path.stem}-keys")),
-        "run": replace(file.run, modules=str(folder / (file.run.modules or "."))),
-        "robot": tuple(replace(one, model=resolve_model(one.model, folder)) for one in file.robot),
-    }
-    return Fleet(path=path, **values)
 
 
 def user_code_folders(fleet: Fleet, permit: Permit) -> tuple[Path, ...]:

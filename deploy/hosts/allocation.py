@@ -154,18 +154,17 @@ def _offers(client: Client, address: str, workers: list[str]) -> dict[str, HostO
     ]
     found: dict[str, HostOffer] = {}
     for worker, future in zip(workers, futures, strict=True):
-        offer = _offer(client, address, worker, future)
+        try:
+            answer = await_result(client, address, worker, future)
+            offer = msgspec.json.decode(answer, type=HostOffer)
+        except ClusterError:
+            raise
+        except Exception as error:  # raised there, or by the library about a lost worker
+            reason = printable(f"{error}".splitlines()[0][:500])
+            raise ClusterError(
+                f"--on {address}: the worker {worker} cannot be a host of this run: {reason} ({PAGE})"
+            ) from None
         stem = re.sub(r"[^A-Za-z0-9_-]", "-", offer.name.partition(".")[0])[:24].strip("-_") or "host"
         names = (stem if number == 1 else f"{stem}-{number}" for number in range(1, len(workers) + 1))
         found[next(name for name in names if name not in found)] = offer
     return found
-
-
-def _offer(client: Client, address: str, worker: str, future: Future[Any]) -> HostOffer:
-    try:
-        return msgspec.json.decode(await_result(client, address, worker, future), type=HostOffer)
-    except ClusterError:
-        raise
-    except Exception as error:  # raised there, or by the library about a lost worker
-        reason = printable(f"{error}".splitlines()[0][:500])
-    raise ClusterError(f"--on {address}: the worker {worker} cannot be a host of this run: {reason} ({PAGE})")

@@ -277,7 +277,13 @@ class RunHosts:
         for link in self._links:
             link.finish = True
         begin_s = time.monotonic()
-        while any(self._is_awaited(link, time.monotonic() - begin_s) for link in self._links):
+        while any(
+            link.is_created
+            and not link.is_over
+            and link.silent_s <= _FINAL_SILENCE_S
+            and min(time.monotonic() - begin_s, link.idle_s) <= _FINAL_PROGRESS_S
+            for link in self._links
+        ):
             wait(0.02)
 
     def close(self) -> None:
@@ -318,11 +324,6 @@ class RunHosts:
         for number, files in enumerate(self._settings.code, start=1):
             for name, path in files:
                 yield path, f"{CODE}/{number}/{name}"
-
-    def _is_awaited(self, link: HostLink, waited_s: float) -> bool:
-        """Return whether output of the host is still expected."""
-        is_late = link.silent_s > _FINAL_SILENCE_S or min(waited_s, link.idle_s) > _FINAL_PROGRESS_S
-        return link.is_created and not (link.is_over or is_late)
 
 
 def _robot_range(robots: tuple[str, ...]) -> str:

@@ -171,12 +171,11 @@ def run_folder_name(scenario: Path, strategy: str | None = None) -> str:
 
 def parse_limits(words: Sequence[str]) -> ProcessLimits:
     """Parse limits, each as `name=number`. Raises OptionError."""
-    values = {}
+    values, names = {}, ProcessLimits.__struct_fields__
     for word in words:
         name, _, number = word.partition("=")
-        if name not in ProcessLimits.__struct_fields__ or not re.fullmatch("0*[1-9][0-9]{0,8}", number):
-            names = ", ".join(ProcessLimits.__struct_fields__)
-            expected = f'one of {names}, "=" and a number from 1 to 999999999'
+        if name not in names or not re.fullmatch("0*[1-9][0-9]{0,8}", number):
+            expected = f'one of {", ".join(names)}, "=" and a number from 1 to 999999999'
             raise wrong_value("--limit", word, expected)
         values[name] = int(number)
     return ProcessLimits(**values)
@@ -189,6 +188,6 @@ def _checked_speed(text: str) -> str:
         value = float(text)
     except ValueError:
         value = math.nan
-    if not value >= MIN_SPEED or math.isinf(value):
+    if not MIN_SPEED <= value < math.inf:
         raise wrong_value("--speed", text, '"max" or a number of at least 0.01, such as 1 or 4')
     return text

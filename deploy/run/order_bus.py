@@ -14,10 +14,10 @@ from actors import orders
 from actors.installation.usage import OptionError, wrong_value
 from actors.instant import seconds
 from actors.message_limits import OrderLimits, order_fault
-from actors.messages import ANSWERED, CONTROL, Control, OrderOutcomes
+from actors.messages import ANSWERED, CONTROL, Control
 from actors.orders import Order
 from actors.runtime.codec import arrived, encode
-from actors.runtime.core import Bus, at
+from actors.runtime.core import at
 from actors.runtime.errors import AcrcError
 from actors.runtime.isolation import credentials, rules
 from actors.runtime.zenoh_bus import open_mesh
@@ -94,19 +94,13 @@ def send(out: Path, order: Order) -> str | None:
     ticket = secrets.token_hex(8)
     with open_mesh(config, (at(ANSWERED),), patience_s=5.0) as bus:
         bus.publish(CONTROL.key(), encode(Control(0, (order,), ticket)))
-        answer = _await_answer(bus, ticket, time.monotonic() + _PATIENCE_S)
-    if answer is None:
-        raise AcrcError(
-            f"{out}: the run has not answered within {_PATIENCE_S:g} s; it executes the order at the start "
-            "of its next step, or run.json lists it as refused"
-        )
-    return "; ".join(answer.refusals) or None
-
-
-def _await_answer(bus: Bus, ticket: str, deadline: float) -> OrderOutcomes | None:
-    while time.monotonic() < deadline:
-        for answer in arrived(bus, ANSWERED):
-            if answer.ticket == ticket:
-                return answer
-        time.sleep(0.005)
-    return None
+        deadline = time.monotonic() + _PATIENCE_S
+        while time.monotonic() < deadline:
+            for answer in arrived(bus, ANSWERED):
+                if answer.ticket == ticket:
+                    return "; ".join(answer.refusals) or None
+            time.sleep(0.005)
+    raise AcrcError(
+        f"{out}: the run has not answered within {_PATIENCE_S:g} s; it executes the order at the start of "
+        "its next step, or run.json lists it as refused"
+    )

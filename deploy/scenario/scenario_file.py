@@ -97,7 +97,9 @@ def parse(text: str, path: Path, overrides: Overrides = Overrides()) -> Scenario
         fault = str(error)
     if fault:
         raise AcrcError(f"{path}: {fault}")
-    return _with_absolute_paths(scenario, Path(os.path.realpath(path)).parent)
+    folder = Path(os.path.realpath(path)).parent
+    run = replace(scenario.run, modules=str(folder / (scenario.run.modules or ".")))
+    return with_models(replace(scenario, run=run), lambda model: resolve_model(model, folder))
 
 
 def _with_map(
@@ -181,14 +183,6 @@ def _number(value: float | str) -> float | str:
         except ValueError:
             continue
     return value
-
-
-def _with_absolute_paths(scenario: Scenario, folder: Path) -> Scenario:
-    """Resolve paths against the scenario file's folder."""
-    return with_models(
-        replace(scenario, run=replace(scenario.run, modules=str(folder / (scenario.run.modules or ".")))),
-        lambda model: resolve_model(model, folder),
-    )
 
 
 def with_models(scenario: Scenario, relocate: Callable[[str], str]) -> Scenario:

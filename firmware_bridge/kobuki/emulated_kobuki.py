@@ -112,17 +112,6 @@ class KobukiFaults:
     overcurrent: int = 0
 
 
-@dataclass
-class _Counters:
-    """Measurements of the base's sensors, errors included."""
-
-    left: float = 0.0
-    right: float = 0.0
-    angle: float = 0.0
-    bias: float = 0.0
-    rate: float = 0.0
-
-
 class EmulatedKobuki:
     """One base, switched on at START; random numbers come from `generator`."""
 
@@ -142,7 +131,9 @@ class EmulatedKobuki:
         errors = parameters.errors
         left, right, bias = normals(generator, 3).tolist()
         self._scale = (1 + left * errors.wheel_scale, 1 + right * errors.wheel_scale)
-        self._wheels = _Counters(bias=bias * math.radians(errors.gyro_bias_deg))
+        self._left = self._right = self._angle = self._rate = 0.0
+        """Measured distances of the wheels, m, angle and rate of the gyro, errors included."""
+        self._bias = bias * math.radians(errors.gyro_bias_deg)
         self._frozen: InertialSensorData | None = None
         self._last_stamp = parameters.stamp_ms
         self._line: deque[tuple[Instant, bytes]] = deque()
@@ -212,20 +203,20 @@ class EmulatedKobuki:
         )
         time = in_seconds(until - self._now)
         self._now = until
-        errors, wheels = self._p.errors, self._wheels
+        errors = self._p.errors
         noise = normals(self._generator, 4).tolist()
         left, right = forward - turn * errors.track / 2, forward + turn * errors.track / 2
         left = left * self._scale[0] + noise[0] * errors.slip * math.sqrt(abs(left))
         right = right * self._scale[1] + noise[1] * errors.slip * math.sqrt(abs(right))
-        wheels.left += left * self.faults.left_scale
-        wheels.right += right * self.faults.right_scale
+        self._left += left * self.faults.left_scale
+        self._right += right * self.faults.right_scale
         turn = turn * self.faults.gyro_scale + self.faults.gyro_drift * time
         measured_turn = (
-            turn + wheels.bias * time + noise[2] * math.radians(errors.gyro_noise_deg) * math.sqrt(time)
+            turn + self._bias * time + noise[2] * math.radians(errors.gyro_noise_deg) * math.sqrt(time)
         )
-        wheels.angle += measured_turn
-        wheels.rate = measured_turn / time
-        wheels.bias += noise[3] * math.radians(errors.gyro_walk_deg) * math.sqrt(time)
+        self._angle += measured_turn
+        self._rate = measured_turn / time
+        self._bias += noise[3] * math.radians(errors.gyro_walk_deg) * math.sqrt(time)
 
     # --- feedback ---
 
@@ -236,8 +227,8 @@ class EmulatedKobuki:
             bumper=self._body.bumper() | self.faults.bumper,
             wheel_drop=self.faults.wheel_drop,
             cliff=self.faults.cliff,
-            left_ticks=(self._p.left_ticks + math.floor(self._wheels.left / per_tick)) & 0xFFFF,
-            right_ticks=(self._p.right_ticks + math.floor(self._wheels.right / per_tick)) & 0xFFFF,
+            left_ticks=(self._p.left_ticks + math.floor(self._left / per_tick)) & 0xFFFF,
+            right_ticks=(self._p.right_ticks + math.floor(self._right / per_tick)) & 0xFFFF,
             left_pwm=0,
             right_pwm=0,
             buttons=self.faults.buttons,
@@ -270,8 +261,8 @@ class EmulatedKobuki:
 
     def _gyro(self) -> tuple[InertialSensorData, UnknownPacket]:
         resolution = math.radians(self._p.errors.gyro_resolution_deg)
-        angle = math.remainder(self._p.angle + self._wheels.angle, math.tau)
-        rate = math.degrees(self._wheels.rate)
+        angle = math.remainder(self._p.angle + self._angle, math.tau)
+        rate = math.degrees(self._rate)
         inertial = InertialSensorData(round(angle / resolution), _to_int16(rate * 100))
         if self.faults.gyro == "frozen":
             inertial = self._frozen = self._frozen or inertial

@@ -268,7 +268,7 @@ class BaseCore(TimedCore):
             # The next Truth passes the epoch to the bridge before the robot's first frames.
             self._epoch, self._bridge_asked, self._obsolete = ready.epoch, False, self._unanswered
         else:
-            self._bridge_ready, self._bridge_asked, self._unanswered, self._obsolete = (True, False, 0, 0)
+            self._bridge_ready, self._bridge_asked, self._unanswered, self._obsolete = True, False, 0, 0
         return ()
 
     def _on_control(self, control: Control) -> Sequence[Output]:

@@ -156,23 +156,19 @@ class BridgeCore(TimedCore):
             self.finished = True
             return ()
         for robot in truth.robots:
-            self._set_epoch(robot.epoch)
+            if self._epoch not in (None, robot.epoch):  # drop events and frames of an earlier epoch
+                self.forgotten_frames += len(self._planned) + self._link.forget()
+                self.forgotten_events += len(self._events)
+                self._planned.clear()
+                self._events.clear()
+                self._tags.clear()
+            self._epoch = robot.epoch
         self.step = truth.step + 1
         events, self._events = tuple(self._events), []
         if not events:
             return (to(AIRED, RadioAdvanced(truth.step, ())),)
         received = to(RECEIVED, RadioEvents(truth.step + 1, events), self._robot)
         return (received, to(AIRED, RadioAdvanced(truth.step, (EventCount(self._robot, len(events)),))))
-
-    def _set_epoch(self, epoch: int) -> None:
-        """Drop events and frames of an earlier epoch."""
-        if self._epoch not in (None, epoch):
-            self.forgotten_frames += len(self._planned) + self._link.forget()
-            self.forgotten_events += len(self._events)
-            self._planned.clear()
-            self._events.clear()
-            self._tags.clear()
-        self._epoch = epoch
 
     def _take_events(self, events: Sequence[BoardEvent]) -> None:
         for event in events:

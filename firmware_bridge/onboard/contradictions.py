@@ -228,16 +228,14 @@ class ScanChecks:
         """Return the cause of the hypothesis that explains most points, if any."""
         track = tracks[SuspectSensor.NONE]
         known = earlier.stamps[0] - track.instants[0]
-        found = [
-            (one, self._misfit(earlier, tracks[one.suspect], one))
-            for one in _HYPOTHESES
-            if one.late_us <= known
-        ]
+        found = [(one, tracks[one.suspect]) for one in _HYPOTHESES if one.late_us <= known]
         if not has_contact_ahead(earlier, self._sweeps[-1], self._mount, track):
             still = PoseTrack(track.instants, 0 * track.position, 0 * track.heading)
-            found.append((_STILL, self._misfit(earlier, still, _STILL)))
+            found.append((_STILL, still))
         points = [
-            (explained_points(one.cause, measured, misfit), one.cause) for one, misfit in found if one.cause
+            (explained_points(one.cause, measured, self._misfit(earlier, placed, one)), one.cause)
+            for one, placed in found
+            if one.cause
         ]
         score, cause = max(points, key=lambda one: one[0])
         return cause if score > 0 else None

@@ -1,6 +1,5 @@
 """Last pose estimate of a robot, in a file that survives crashes and power loss."""
 
-import math
 import os
 from pathlib import Path
 from typing import Final
@@ -47,7 +46,7 @@ def read(path: Path) -> LastPose | None:
     except (OSError, msgspec.DecodeError):
         return None
     numbers = (*last.pose, *last.odometry, last.spread)
-    valid = all(math.isfinite(number) and abs(number) <= _MAX_VALUE for number in numbers) and last.spread > 0
+    valid = all(abs(number) <= _MAX_VALUE for number in numbers) and last.spread > 0
     return last if valid else None
 
 

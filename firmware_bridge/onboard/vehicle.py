@@ -34,19 +34,30 @@ _EXIT_TIMEOUT_S: Final = 1.0
 """Timeout of waiting for the guardian at the end, s; it continues in the background."""
 
 
+def start_guardian(channel: int, name: str) -> "subprocess.Popen[bytes]":
+    """Start a guardian in its own session, with isolated imports and this process's log."""
+    return subprocess.Popen(
+        [sys.executable, "-I", "-S", guardian.__file__, "beside", str(channel), name],
+        pass_fds=(channel,),
+        stdin=subprocess.DEVNULL,
+        start_new_session=True,
+        cwd="/",
+    )
+
+
 class GuardianLink:
     """Link to the guardian process, which is replaced after a failure. No motion is allowed unless it
     `is_operational`."""
 
     def __init__(
-        self, name: str, start: Callable[[int, str], "subprocess.Popen[bytes]"] | None = None
+        self, name: str, start: Callable[[int, str], "subprocess.Popen[bytes]"] = start_guardian
     ) -> None:
         """Create it.
 
         `name`: the port, for messages. `start`: starts a guardian with a channel descriptor and the name.
         """
         self._name = name
-        self._start = start or start_guardian
+        self._start = start
         self._channel: socket.socket | None = None
         self._process: subprocess.Popen[bytes] | None = None
         self._port: SerialPort | None = None
@@ -137,17 +148,6 @@ class GuardianLink:
             self._unanswered_since = None
             if message == b"o" + bytes((self._number,)):
                 self._confirmed = True
-
-
-def start_guardian(channel: int, name: str) -> "subprocess.Popen[bytes]":
-    """Start a guardian in its own session, with isolated imports and this process's log."""
-    return subprocess.Popen(
-        [sys.executable, "-I", "-S", guardian.__file__, "beside", str(channel), name],
-        pass_fds=(channel,),
-        stdin=subprocess.DEVNULL,
-        start_new_session=True,
-        cwd="/",
-    )
 
 
 ORIGIN: Final = Pose(0.0, 0.0, 0.0)
