@@ -78,7 +78,10 @@ def run(scenario: Scenario, options: RunOptions, launcher: Launcher | None = Non
     """
     check_limits(scenario)
     plan = swarm.plan(scenario, options)
-    simulated = _without_board(plan, options.boards)
+    robots = plan.world.ids
+    if unknown := [robot for robot in options.boards if robot not in robots]:
+        raise wrong_value("--board", unknown[0], f"a robot of the scenario: {', '.join(robots)}")
+    simulated = tuple(robot for robot in robots if options.boards and robot not in options.boards)
     for sentence in (plan.warning, *plan.warnings):
         print_warning(sentence)
     make_folder(plan.out)
@@ -91,14 +94,6 @@ def run(scenario: Scenario, options: RunOptions, launcher: Launcher | None = Non
     result = collect(folders, truth=plan.folder(LABORATORY) / "result.json", out=plan.out / "result")
     seal(plan.out)
     return result
-
-
-def _without_board(plan: RunPlan, boards: tuple[str, ...]) -> tuple[str, ...]:
-    """Return the robots with a simulated transceiver; `boards`: robots with a board, () = all."""
-    robots = plan.world.ids
-    if unknown := [robot for robot in boards if robot not in robots]:
-        raise wrong_value("--board", unknown[0], f"a robot of the scenario: {', '.join(robots)}")
-    return tuple(robot for robot in robots if boards and robot not in boards)
 
 
 def _run_processes(

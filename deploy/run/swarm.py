@@ -281,6 +281,10 @@ def plan(scenario: Scenario, options: RunOptions, hosts_fault: str | None = None
     choice = IsolationChoice(False) if memory else choose_isolation(options.isolate, elsewhere=hosts_fault)
     resolved = resolve(scenario)
     _check_robots("--robot", options.followed, resolved.world.ids)
+    debug = None
+    if options.debug is not None:
+        _check_robots("--debug", [options.debug], resolved.world.ids)
+        debug = DebuggedRobot(options.debug, "" if memory else os.ttyname(0))
     planned = RunPlan(
         **{one.name: getattr(resolved, one.name) for one in fields(Swarm)},
         options=options,
@@ -290,7 +294,7 @@ def plan(scenario: Scenario, options: RunOptions, hosts_fault: str | None = None
         warning=choice.warning,
         warnings=scenario_warnings(resolved),
         timeout=Timeout(step_s=options.timeout_s if options.debug is None else math.inf),
-        debug=_debugged_robot(resolved, options),
+        debug=debug,
     )
     if memory:
         expect_hashes(options.recorded)
@@ -303,13 +307,6 @@ def _check_robots(option: str, robots: Iterable[str], known: Sequence[str]) -> N
     for robot in robots:
         if robot not in known:
             raise wrong_value(option, robot, f"one of {', '.join(known)}")
-
-
-def _debugged_robot(resolved: ResolvedScenario, options: RunOptions) -> DebuggedRobot | None:
-    if options.debug is None:
-        return None
-    _check_robots("--debug", [options.debug], resolved.world.ids)
-    return DebuggedRobot(options.debug, "" if options.bus == "memory" else os.ttyname(0))
 
 
 def run_in_memory(plan: RunPlan, on_progress: OnProgress, bus: MemoryBus | None = None) -> RunResult:

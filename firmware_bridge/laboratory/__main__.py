@@ -16,7 +16,6 @@ from collections import Counter
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from pathlib import Path
-from types import FrameType
 from typing import Final
 
 import msgspec
@@ -191,11 +190,10 @@ _KERNELS: Final = (odometry, drive, rays, *RADIO_KERNELS)
 def main(argv: Sequence[str]) -> int:
     """Emulate the hardware until stopped; return the exit code."""
     stopped: list[int] = []
-
-    def stop(number: int, _frame: FrameType | None) -> None:
-        stopped.append(number)
-
-    handlers = {number: signal.signal(number, stop) for number in (signal.SIGTERM, signal.SIGINT)}
+    handlers = {
+        number: signal.signal(number, lambda number, _: stopped.append(number))
+        for number in (signal.SIGTERM, signal.SIGINT)
+    }
     try:
         parser = ArgumentParser(prog="python -m firmware_bridge.laboratory", description="Emulate hardware.")
         parser.add_argument("--setup", required=True, type=Path, help="JSON file with the set-up")

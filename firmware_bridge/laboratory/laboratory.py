@@ -354,18 +354,18 @@ class Laboratory:
         robot, seed = setup.world.robots[index], setup.world.seed
         body = RobotBody(self._bodies, index)
         errors = self._errors[index] if robot.odometry == "kobuki" else NO_ERRORS
-        radio = self._radio(robot.id, setup)
+        radio: EmulatedBoard | SimulatedTransceiver
+        if robot.id in setup.without_board:
+            channel = radio_model(setup.radio).parameters.channel
+            settings = BoardSettings(dict(setup.radio.robots)[robot.id], channel)
+            radio = SimulatedTransceiver(self.medium, settings)
+        else:
+            radio = EmulatedBoard(self.medium, START)
         self.medium.add(radio)
         base = EmulatedKobuki(body, generator(seed, "laboratory base", robot.id), BaseParameters(errors))
         noise = generator(seed, "laboratory lidar", robot.id)
         lidar = EmulatedRplidar(self._scanners.range_function(index), LIDAR, generator=noise)
         return EmulatedHardware(body, base, radio, lidar)
-
-    def _radio(self, robot: str, setup: LaboratorySetup) -> EmulatedBoard | SimulatedTransceiver:
-        if robot not in setup.without_board:
-            return EmulatedBoard(self.medium, START)
-        channel = radio_model(setup.radio).parameters.channel
-        return SimulatedTransceiver(self.medium, BoardSettings(dict(setup.radio.robots)[robot], channel))
 
     def _index(self, robot: str) -> int:
         return list(self.robots).index(robot)
