@@ -4,14 +4,16 @@ import gc
 import json
 import os
 import signal
-from collections.abc import Iterator
+from collections import deque
+from collections.abc import Callable, Hashable, Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Any, Final, TypeVar
 
 import msgspec
 import pytest
 from hypothesis import settings
 
+from actors.floor.grid import SharedCache
 from actors.processes import launcher
 from tests import warm
 
@@ -22,6 +24,7 @@ if "CI" not in os.environ:  # hypothesis has its own profile for CI, also withou
     settings.register_profile("here", deadline=None)  # the machine may be busy
     settings.load_profile("here")
 
+V = TypeVar("V")
 pytest_plugins = ["tests.recorded_runs"]
 
 LONGEST: Final = (
@@ -58,9 +61,23 @@ def pytest_configure(config: pytest.Config) -> None:
         _CLAIM_REPORT.append(report)
     # Programs and strategies of the tests are outside the installed packages.
     os.environ.setdefault("PYTHONPATH", str(Path(__file__).parents[1]))
+    _keep_shared_data()
     gc.disable()  # collection creates no garbage
     if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
         signal.signal(signal.SIGINT, signal.default_int_handler)
+
+
+def _keep_shared_data() -> None:
+    """Keep recent maps, cost grids and fields, which caches hold weakly, for the next run of this worker."""
+    get, kept = SharedCache.get, deque[object](maxlen=64)
+
+    def get_and_keep(self: SharedCache[V], content: Hashable, make: Callable[[], V]) -> V:
+        value = get(self, content, make)
+        if type(value).__module__.startswith("actors."):
+            kept.append(value)
+        return value
+
+    SharedCache.get = get_and_keep  # type: ignore[method-assign]
 
 
 @pytest.fixture(scope="module")
