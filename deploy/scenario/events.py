@@ -17,7 +17,7 @@ from actors.task.loading import decode_items, load_task, named_faults
 from actors.task.task import Task
 from actors.wording import toml_text
 from actors.world.world_setup import TimedOrder
-from deploy.scenario.tables import AreaTable, EventTable, PeopleTable, Scenario, SwarmFile
+from deploy.scenario.tables import AreaTable, EventTable, Scenario, SwarmFile
 
 
 def robot_fault(scenario: Scenario) -> str | None:
@@ -57,16 +57,14 @@ def known_robots(scenario: Scenario) -> str:
 
 def area_fault(scenario: Scenario) -> str | None:
     """Return an error in the areas or their use, without a full stop; None if valid."""
-    _, settings = scenario_task(scenario)
-    return (
+    (_, settings), people = scenario_task(scenario), scenario.people
+    fault = (
         area_repetition_fault(scenario)
         or _area_name_fault(scenario.robots.areas, "robots.areas", scenario)
         or _area_name_fault(getattr(settings, "areas", None), f"{scenario.table}.areas", scenario)
-        or (_people_fault(scenario, scenario.people) if scenario.people is not None else None)
     )
-
-
-def _people_fault(scenario: Scenario, people: PeopleTable) -> str | None:
+    if fault or people is None:
+        return fault
     if people.between == "areas" and not (people.area or scenario.area):
         return 'people.between is "areas", but the scenario has none; add [[area]] tables'
     return _area_name_fault(people.areas, "people.areas", scenario)

@@ -175,7 +175,12 @@ class EmulatedBoard:
     def _run(self, now: Instant) -> None:
         if self._button_until is not None and now >= self._button_until:
             self._button_until = None
-            self._say(now, BoardInfo(self._info_text()))
+            text = (
+                f"txCount: {self.counters['transmitted']}\nrxCount: {self.counters['heard']}\n"
+                f"panId: {self.pan:04x}\nsAddr: {self.address:04x}\nchannelNo: {self.channel}\n"
+                f"mainCycles: 0\ntemperature: {_TEMPERATURE}\nhumidity: {_HUMIDITY}\n"
+            )
+            self._say(now, BoardInfo(text.encode()))
             self._handle_deferred(now)
         if self._channel_change is not None and now >= self._channel_change[0]:
             code, self._channel_change = self._channel_change[1], None
@@ -206,13 +211,6 @@ class EmulatedBoard:
         for one in deferred:
             self._handle_radio_event(now, one)
         self._handle_commands(now)
-
-    def _info_text(self) -> bytes:
-        return (
-            f"txCount: {self.counters['transmitted']}\nrxCount: {self.counters['heard']}\n"
-            f"panId: {self.pan:04x}\nsAddr: {self.address:04x}\nchannelNo: {self.channel}\nmainCycles: 0\n"
-            f"temperature: {_TEMPERATURE}\nhumidity: {_HUMIDITY}\n"
-        ).encode()
 
     def _receive(self, now: Instant) -> None:
         while self._incoming:

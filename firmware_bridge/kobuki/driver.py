@@ -170,8 +170,10 @@ class KobukiDriver:
             self._sent_at = now if count else self._sent_at
             self._update_allowed(now)
             return self.final_bytes() * count
+        stands = self.allowed.v == 0 and self.allowed.omega == 0
+        is_stop_ignored = stands and self.found and self.odometry.is_moving
         if not self._has_new_feedback and passed < (
-            _STOP_INTERVAL if self._is_stop_ignored else _MAX_CONTROL_INTERVAL
+            _STOP_INTERVAL if is_stop_ignored else _MAX_CONTROL_INTERVAL
         ):
             return b""
         self._has_new_feedback, self._sent_at = False, now
@@ -192,12 +194,6 @@ class KobukiDriver:
         """Return whether noise replaces feedback."""
         silent = now - self._feedback_at > FEEDBACK_SILENCE
         return silent and self._reader.reception.skipped - self._skipped_before >= _NOISE_BYTES
-
-    @property
-    def _is_stop_ignored(self) -> bool:
-        """True while the wheels turn despite a stop command."""
-        stand = self.allowed.v == 0 and self.allowed.omega == 0
-        return stand and self.found and self.odometry.is_moving
 
     def _feedback(self, feedback: BaseFeedback) -> None:
         now, basic, _ = feedback

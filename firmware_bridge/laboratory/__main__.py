@@ -106,7 +106,9 @@ class RealTimeLoop:
         descriptors = [*ports]
         if self._commands.descriptor is not None:
             descriptors.append(self._commands.descriptor)
-        ready, _, _ = select.select(descriptors, [], [], self._wait_timeout_s())
+        now = self._clock()
+        wake = min(self._laboratory.now + SUBSTEP, max(self._laboratory.wake, now + _BOARD_INTERVAL))
+        ready, _, _ = select.select(descriptors, [], [], max(0, wake - now) * 1e-6)
         now = self._catch_up()
         for number in ready:
             if number in ports:
@@ -141,12 +143,6 @@ class RealTimeLoop:
             frames_by_robot=laboratory.medium.counters_by_robot(list(laboratory.robots)),
             cpu_s=time.process_time() - self._began_cpu_s,
         )
-
-    def _wait_timeout_s(self) -> float:
-        """Return the timeout of waiting for bytes, s."""
-        now = self._clock()
-        wake = min(self._laboratory.now + SUBSTEP, max(self._laboratory.wake, now + _BOARD_INTERVAL))
-        return max(0, wake - now) * 1e-6
 
     def _catch_up(self) -> Instant:
         """Simulate or skip all sub-steps up to now; return the time."""

@@ -83,7 +83,9 @@ class Base:
         core = self.core
         previous_handler = signal.signal(signal.SIGTERM, self._stop)
         try:
-            run_event_loop(shell, bus, core, self, self._clock, self._is_due)
+            run_event_loop(
+                shell, bus, core, self, self._clock, lambda: self._stopped or core.now >= core.wake
+            )
         except AcrcError as error:
             if self._pose_writer is not None and isinstance(error, MotionUnknownError):
                 self._vehicle.close()
@@ -108,9 +110,6 @@ class Base:
             self._pose_writer.store(now, *self.core.last_estimate)
         if self._stopped:
             self.core.stop()
-
-    def _is_due(self) -> bool:
-        return self._stopped or self.core.now >= self.core.wake
 
     def _stop(self, _number: int, _frame: FrameType | None) -> None:
         self._stopped = True

@@ -78,10 +78,6 @@ class Clock:
         """Return the current time."""
         return Instant((time.monotonic_ns() + self._ahead_ns) // 1000)
 
-    def seconds_until(self, instant: Instant | None) -> float:
-        """Return the time until `instant`, s, at least 0; 1 s if it is None."""
-        return 1.0 if instant is None else max(0.0, (instant - self.now()) / 1e6)
-
 
 class TimedCore(ABC):
     """Core with the time as input; `expect` announces a message, otherwise only time passes."""
@@ -142,8 +138,9 @@ def run_event_loop(
     `timely`: returns whether an advance without a message is due.
     """
     while not core.finished:
-        patience = min(LONGEST_WAIT, clock.seconds_until(core.wake))
-        select.select([bus.fileno(), *devices.descriptors()], [], [], patience)
+        wake = core.wake
+        wait = LONGEST_WAIT if wake is None else min(LONGEST_WAIT, (wake - clock.now()) / 1e6)
+        select.select([bus.fileno(), *devices.descriptors()], [], [], max(0.0, wait))
         core.now = clock.now()
         devices.serve(core.now)
         for delivery in bus.take():
