@@ -147,9 +147,11 @@ def test_calls_outside_the_project_count_for_their_callers() -> None:
 
 ACRC = """#!/bin/sh
 echo "@NAME@ $3 $4 $5 $6 PYTHONPATH=$PYTHONPATH NUMBA_CACHE_DIR=$NUMBA_CACHE_DIR" >>@LOG@
-mkdir -p .venv/bin
-printf '#!/bin/sh\\necho Python @VERSION@\\n' >.venv/bin/python
-chmod +x .venv/bin/python
+if [ ! -x .venv/bin/python ]; then
+    mkdir -p .venv/bin
+    printf '#!/bin/sh\\necho Python @VERSION@\\n' >.venv/bin/python
+    chmod +x .venv/bin/python
+fi
 echo '{"digest": "@DIGEST@", "wall_s": @WALL@}'
 """
 """A stand-in for `acrc` that logs its options and reports a fixed result."""

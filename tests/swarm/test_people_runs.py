@@ -101,7 +101,7 @@ def test_pictures_show_people(data: RunData, tmp_path: Path) -> None:
     assert MARKS["person"].meaning in labels
     centres = {tuple(np.round(patch.center, 6)) for patch in floor.patches if hasattr(patch, "center")}
     assert {tuple(np.round(at, 6)) for at in data.people[-1, :, :2]} <= centres
-    run_movie.write(data, tmp_path / "movie.gif", 20.0)
+    run_movie.write(data, tmp_path / "movie.gif", 40.0)
     assert (tmp_path / "movie.gif").stat().st_size > 10_000
 
 
