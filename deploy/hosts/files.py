@@ -5,7 +5,7 @@ import os
 import re
 import shutil
 import tempfile
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -133,7 +133,12 @@ def fetch(out: Path, address: str, say: Callable[[str], None]) -> FetchedFiles:
         files = size = 0
         for host in found:
             sizes = [one.bytes for one in host.list_files() if host.fetch_file(out, one)]
-            host.require_complete(seal.remote_recordings(out))
+            left = seal.remote_recordings(out).items()
+            if missing := [name for name, one in left if one.host == host.name]:
+                more = f", and {len(missing) - 1} more" if len(missing) > 1 else ""
+                raise ClusterError(
+                    f"host {host.name} no longer has {missing[0]}{more}, and there is no copy here"
+                )
             host.remove_folder()
             files, size = files + len(sizes), size + sum(sizes)
             say(f"host {host.name}: {len(sizes)} {'file' if len(sizes) == 1 else 'files'}, {sum(sizes)} B")
@@ -211,15 +216,6 @@ class _Host:
                 f"{path}: cannot be written: {error.strerror}; it stays on host {self.name}"
             ) from None
         return True
-
-    def require_complete(self, left: Mapping[str, seal.RemoteFile]) -> None:
-        """Raise ClusterError if a recording in `left` is still missing after fetching."""
-        missing = [name for name, one in left.items() if one.host == self.name]
-        if missing:
-            more = f", and {len(missing) - 1} more" if len(missing) > 1 else ""
-            raise ClusterError(
-                f"host {self.name} no longer has {missing[0]}{more}, and there is no copy here"
-            )
 
     def remove_folder(self) -> None:
         """Remove the run's folder on the host. Raises ClusterError."""

@@ -107,6 +107,7 @@ def _with_map(
 ) -> Scenario:
     """Resolve the scenario's map; drop the file's areas if the command line has replaced its map `own_map`.
 
+    Without areas, the rooms of a drawn floor are the areas.
     Raises AcrcError or OptionError if the map cannot be drawn, or starts or places belong to another map.
     """
     folder, option = Path(os.path.realpath(path)).parent, options.get(("map",))
@@ -117,8 +118,13 @@ def _with_map(
         raise OptionError(f"{option}: {error}") if option else AcrcError(f"{path}: map {error}") from None
     if is_replaced and (fault := map_conflict(scenario, str(own_map), options)):
         raise OptionError(f"{option}: {fault}")
-    scenario = replace(scenario, map=location)
-    return with_areas(scenario, own_areas=not is_replaced or ("area",) in options)
+    tables = () if is_replaced and ("area",) not in options else scenario.area
+    if not tables and offices.is_name(location):
+        rooms = offices.office_floor(location).rooms
+        tables = tuple(
+            AreaTable(name=room.name, x=(room.x0, room.x1), y=(room.y0, room.y1)) for room in rooms
+        )
+    return replace(scenario, map=location, area=tables)
 
 
 def _apply_overrides(content: dict[str, Any], overrides: Overrides) -> Mapping[tuple[str, ...], str]:
@@ -227,17 +233,6 @@ def map_conflict(scenario: Scenario, own_map: str, overridden: Collection[tuple[
         f"{scenario.map} replaces the scenario's own map {own_map}, for which its starts or places are"
         f" made; also set {' and '.join(required)}"
     )
-
-
-def with_areas(scenario: Scenario, *, own_areas: bool) -> Scenario:
-    """Return the scenario with its own areas, or without any with the rooms of its drawn floor."""
-    tables = scenario.area if own_areas else ()
-    if not tables and offices.is_name(scenario.map):
-        rooms = offices.office_floor(scenario.map).rooms
-        tables = tuple(
-            AreaTable(name=room.name, x=(room.x0, room.x1), y=(room.y0, room.y1)) for room in rooms
-        )
-    return scenario if tables == scenario.area else replace(scenario, area=tables)
 
 
 def map_title(name: str) -> str:
