@@ -160,7 +160,7 @@ def _offers(client: Client, address: str, workers: list[str]) -> dict[str, HostO
         except ClusterError:
             raise
         except Exception as error:  # raised there, or by the library about a lost worker
-            reason = printable(f"{error}".splitlines()[0][:500])
+            reason = printable(str(error).partition("\n")[0][:500] or type(error).__name__)
             raise ClusterError(
                 f"--on {address}: the worker {worker} cannot be a host of this run: {reason} ({PAGE})"
             ) from None

@@ -92,7 +92,7 @@ def connect(address: str) -> Client:
         security = create_security(address, TIMEOUT_S) if address.startswith("tls://") else None
         client = Client(address, timeout=TIMEOUT_S, security=security)
     except (OSError, ValueError) as error:
-        reason = str(error).splitlines()[0]
+        reason = str(error).partition("\n")[0] or type(error).__name__
         raise ClusterError(f"--on {address}: no Dask scheduler answers there: {reason}") from None
     try:
         check_tls(client, address)
