@@ -69,7 +69,9 @@ spins = deed(_spin)
 exits = deed(lambda: sys.exit(0))
 exits_hard = deed(lambda: os._exit(0))
 crashes = deed(os.abort)
-starts_a_thread = deed(lambda: threading.Thread(target=time.sleep, args=(1000,), name="mine").start())
+starts_a_thread = deed(
+    lambda: threading.Thread(target=time.sleep, args=(1000,), name="mine", daemon=True).start()
+)
 
 
 @deed
