@@ -104,7 +104,7 @@ def test_tables_and_items_of_the_task() -> None:
         ("[parcels]\nperrobot = 1", "unknown key parcels.perrobot; did you mean parcels.per_robot?"),
         ("[places]\nper_robot = 1", "unknown key places; did you mean planner?"),
         ("[[robot]]\nid = 'r1'\nplaces = [[1, 2]]", "unknown key robot[0].places; known keys of robot[0]: "
-         "id, model, sensor, odometry, battery, start, parcels"),
+         "id, model, sensor, odometry, battery, start, parcels, adversary"),
         ("[[robot]]\nid = 'r1'\nparcels = 3",
          "robot[0].parcels is 3, but must be a list of at most 1000 items of the task"),
         ("[[robot]]\nid = 'r1'\nparcels = [{x = 1, y = 2}, [1, 2]]",
