@@ -28,6 +28,7 @@ V = TypeVar("V")
 pytest_plugins = ["tests.recorded_runs"]
 
 LONGEST: Final = (
+    "onboard/test_standstill.py",
     "swarm/test_known_digests.py",
     "swarm/test_transports.py",
     "hosts/test_hosted_runs.py",

@@ -138,7 +138,6 @@ def doubtful(rig: Rig) -> bool:
         return False
 
 
-@pytest.mark.nightly
 @pytest.mark.timeout(300)
 def test_a_killed_base_stops_and_all_processes_restart_until_the_operators_stop(
     tmp_path: Path,
