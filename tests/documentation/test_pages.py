@@ -57,8 +57,8 @@ NOT_RUN: Final[Mapping[str, str]] = MappingProxyType({
     r"\./acrc (check|test|verify)( (tests|my_study)/\S+| \w+ --full)?$": "runs the tests",
     r"\./acrc (order|run .* --speed 1 )": "needs a second terminal",
     r"\./acrc campaign (--preset chapter --out|study\.toml|studies/)": "takes long",
-    r"\./acrc (bundle|compare|report|study plan) .*/(all|drawn|fig710|four|head|log|people|pilot)\w*\b":
-        "needs trials",
+    r"\./acrc (bundle|compare|report|study plan) .*/"
+    r"(adversaries|all|drawn|fig710|four|head|log|offices|people|pilot)\w*\b": "needs trials",
     r"\./acrc (report runs/2026|replay downloaded_run|run my_study/own\.toml|study freeze )": "needs files",
     r"\.venv/bin/python maps/draw_floors\.py": "called by tests/floor/test_offices.py",
 })  # fmt: skip
