@@ -189,7 +189,7 @@ def _judge_answers(world: WorldSetup, reports: Sequence[object]) -> list[str]:
     """Return the answers of the world's judge in each step, as text. Raises AcrcError for the first fault."""
     task, judge, robots = load_task(world.task.use), build(world).judge, [one.id for one in world.robots]
     positions, found = np.random.default_rng(1), list[str]()
-    wrong = (*_reports(task, robots[0], 0), *_reports(task, "nobody", 10**6))
+    wrong = (*_reports(task, robots[0], 0), *_reports(task, "unknown", 10**6))
     sent = [(), *((one,) for one in (*reports, *wrong))]
     for step in range(_STEPS):
         begin = Instant(step * milliseconds(100))

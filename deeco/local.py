@@ -94,7 +94,7 @@ class LocalComponent:
         self.chart = chart_of(kind)
         self._mode = getattr(value, MODE, None)
         self._deadlines: dict[Transition, Instant] = {}
-        """When the enabled transitions fire, in order of priority."""
+        """Instants at which the enabled transitions fire, in order of priority."""
         self.watched: list[tuple[Fact, Callable[[], str]]] = []
         """Watched facts, each with its callback."""
         self._facts: list[object] = []

@@ -160,13 +160,15 @@ def follow_run(out: Path, path: Path, robots: Sequence[str], opened: OpenViewer 
         what = ViewerContents(grid, reader.robots, detailed, batteries=batteries)
         address = None if opened is None else opened.address
         with ViewFile(path, what, name="live run", send_to=address) as sheet:
-            view = LiveView(reader, sheet, what.detailed_robots)
-            try:
+            view = None
+            try:  # also here, as preparing the drawing takes time
+                view = LiveView(reader, sheet, what.detailed_robots)
                 _follow_steps(out, view, sheet, opened, say)
             finally:
                 steps = 0 if isinstance(sys.exception(), Interruption) else reader.count_unread()
                 if steps:
-                    say(f"the view ends at {view.end:g} s; {steps} later steps are not included")
+                    end = 0.0 if view is None else view.end
+                    say(f"the view ends at {end:g} s; {steps} later steps are not included")
 
 
 class LiveView:
