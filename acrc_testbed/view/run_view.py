@@ -155,19 +155,16 @@ def follow_run(out: Path, path: Path, robots: Sequence[str], opened: OpenViewer 
     while run_state(out) is RunState.RUNNING and not _has_begun(out):
         time.sleep(_POLL_S)
     with RunReader(out, internals=True) as reader:
-        grid, batteries = reader.description.grid, reader.description.has_batteries
-        detailed = detailed_robots(reader.robots, robots)
-        what = ViewerContents(grid, reader.robots, detailed, batteries=batteries)
-        address = None if opened is None else opened.address
-        with ViewFile(path, what, name="live run", send_to=address) as sheet:
+        run, detailed = reader.description, detailed_robots(reader.robots, robots)
+        what = ViewerContents(run.grid, run.robots, detailed, batteries=run.has_batteries)
+        with ViewFile(path, what, name="live run", send_to=opened.address if opened else None) as sheet:
             view = None
             try:  # also here, as preparing the drawing takes time
-                view = LiveView(reader, sheet, what.detailed_robots)
+                view = LiveView(reader, sheet, detailed)
                 _follow_steps(out, view, sheet, opened, say)
             finally:
-                steps = 0 if isinstance(sys.exception(), Interruption) else reader.count_unread()
-                if steps:
-                    end = 0.0 if view is None else view.end
+                if not isinstance(sys.exception(), Interruption) and (steps := reader.count_unread()):
+                    end = view.end if view else 0
                     say(f"the view ends at {end:g} s; {steps} later steps are not included")
 
 
