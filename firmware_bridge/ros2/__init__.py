@@ -1,0 +1,1 @@
+"""ROS 2 robots and tools over Zenoh, without ROS: names, message types, session, base."""
