@@ -1,8 +1,10 @@
 """Robot models, and pose errors of robots."""
 
+import json
 import math
 from pathlib import Path
 
+import msgspec
 import numpy as np
 import pytest
 from hypothesis import given
@@ -14,6 +16,7 @@ from actors.messages import RobotTruth
 from actors.robot_model import load_model, scan_angles
 from actors.runtime.errors import AcrcError
 from actors.world.sensing import PoseError, PoseErrorSum
+from tests.recorded_runs import HEAD_ON, record
 from tests.refusals import refused
 
 
@@ -68,6 +71,15 @@ def test_models_and_sensors_are_loaded(tmp_path: Path) -> None:
     assert model.sensor.full_circle and model.sensor.period == 100_000 and model.sensor.mount.x == -0.1
 
 
+def test_robots_of_ros2_localise_with_their_lidars_and_clean_their_places(tmp_path: Path) -> None:
+    scenario = HEAD_ON.read_text().replace('preset = "odometry"', 'preset = "chapter"')
+    scenario = scenario.replace("[robots]", '[robots]\nmodel = "turtlebot3_burger"')
+    result = record(tmp_path / "run", scenario.replace('id = "r1"', 'id = "r1"\nmodel = "turtlebot4"'))
+    robots = json.loads(msgspec.json.encode(result.per_robot)).values()
+    assert [robot["task"]["places_done"] for robot in robots] == [3, 3]
+    assert max(robot["pose_error"]["rmse"] for robot in robots) < 0.05  # m
+
+
 def test_a_full_circle_has_no_direction_twice_and_a_view_has_both_its_ends() -> None:
     full = scan_angles(load_model("turtlebot2").sensor)
     assert full[-1] == math.pi and full[319] == 0 and np.allclose(np.diff(full), math.tau / 640)
@@ -119,7 +131,8 @@ def test_a_wrong_file_is_refused_in_one_sentence(tmp_path: Path, old: str, new: 
 
 def test_unknown_names_are_refused_with_those_that_exist(tmp_path: Path) -> None:
     with refused(
-        'unknown robot model "turtlebot9"; must be "omnibox", "turtlebot2" or the path of a .toml file'
+        'unknown robot model "turtlebot9"; must be "omnibox", "turtlebot2", "turtlebot3_burger", '
+        '"turtlebot4" or the path of a .toml file'
     ):
         load_model("turtlebot9")
     with refused('turtlebot2.toml: the sensor is "sonar", but must be "chapter", "kinect" or "written"'):
