@@ -39,11 +39,14 @@ from firmware_bridge.onboard.vehicle import (
 )
 from firmware_bridge.range_sensors.depth import CameraFeed, DepthScanner, OpenNICamera
 from firmware_bridge.range_sensors.rplidar import Rplidar
+from firmware_bridge.ros2.settings import Ros2Base
 from firmware_bridge.serial_port import KOBUKI, RPLIDAR, Say, SerialPort
 
 
 def create_turtlebot(setup: BaseSetup, clock: Clock, say: Say) -> TurtleBot:
     """Create the vehicle on the ports of the set-up, which may be missing at first."""
+    if isinstance(setup.base, Ros2Base):
+        raise AcrcError(f"{setup.id}: a ROS 2 base is not supported by this version")
     base = functools.partial(SerialPort, setup.base, KOBUKI)
     driver, range_device = KobukiDriver(clock.now()), _create_ranger(setup, clock, say)
     model = load_model(setup.model, setup.sensor)

@@ -17,6 +17,7 @@ from actors.runtime.shell import Shell
 from actors.runtime.zenoh_bus import SelectableBus
 from actors.task.loading import TaskSetup
 from firmware_bridge.beeclick.answer_decoder import BoardSettings
+from firmware_bridge.ros2.settings import Ros2Base
 from firmware_bridge.serial_port import PortError, Say, SerialPort, changed_only
 
 OPENNI: Final = "openni"
@@ -31,10 +32,10 @@ class BaseSetup(RobotDescription, frozen=True, kw_only=True):
     step_us: int
     task: TaskSetup
     """For readers of recordings only."""
-    base: str
-    """Path of the Kobuki's port."""
-    range: str | None
-    """Path of the lidar's port, or OPENNI; None = no range sensor."""
+    base: str | Ros2Base
+    """Path of the Kobuki's port, or a ROS 2 robot, which has a range sensor of its own."""
+    range: str | None = None
+    """Path of the lidar's port, or OPENNI; None = no range sensor, or that of a ROS 2 robot."""
     listen: str | None = None
     """Endpoint for the operator's laptop, `tls/HOST:PORT`; None = no connections."""
     keys: str | None = None
