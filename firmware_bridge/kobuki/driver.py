@@ -10,12 +10,12 @@ from typing import Final, NamedTuple
 
 from actors.instant import Duration, Instant, milliseconds
 from firmware_bridge.kobuki import kobuki_motion
+from firmware_bridge.kobuki.kobuki_motion import KOBUKI_LIMITS, BaseFeedback
 from firmware_bridge.kobuki.kobuki_packets import (
     LED1_GREEN,
     LED1_RED,
     POWER_RAILS,
     RECHARGE_MELODY,
-    BaseFeedback,
     BasicSensorData,
     Command,
     FrameReader,
@@ -27,7 +27,8 @@ from firmware_bridge.kobuki.kobuki_packets import (
     encode_command,
     encode_frame,
 )
-from firmware_bridge.kobuki.safety import FEEDBACK_SILENCE, AllowedMotion, HoldCause, SafetyStop
+from firmware_bridge.safety import AllowedMotion, HoldCause, SafetyStop
+from firmware_bridge.wheel_odometry import WheelOdometry
 
 
 class BatteryLevel(Enum):
@@ -91,7 +92,7 @@ class KobukiDriver:
 
     def __init__(self, started: Instant) -> None:
         self._reader = FrameReader(decode_feedback)
-        self._safety = SafetyStop(started)
+        self._safety = SafetyStop(started, KOBUKI_LIMITS)
         self._feedback_at: Instant = started
         self._sent_at: Instant = Instant(started - _MAX_CONTROL_INTERVAL)
         self._has_new_feedback = False
@@ -109,7 +110,7 @@ class KobukiDriver:
         """Battery level; None before the first feedback."""
         self.volts: float | None = None
         """Battery voltage; None before the first feedback."""
-        self.odometry = kobuki_motion.KobukiOdometry()
+        self.odometry = WheelOdometry(KOBUKI_LIMITS)
         self.found = False
         """True while feedback is received."""
         self.allowed = AllowedMotion(0.0, 0.0, ())
@@ -126,7 +127,7 @@ class KobukiDriver:
             if basic is not None:
                 feedbacks.append(BaseFeedback(now, basic, inertial))
                 self._feedback(feedbacks[-1])
-        if self.found and now - self._feedback_at > FEEDBACK_SILENCE:
+        if self.found and now - self._feedback_at > KOBUKI_LIMITS.silence:
             self.found = False
             self.odometry.set_standing()
             self._changes.append(StateChange(now, "feedback", True, False))
@@ -192,7 +193,7 @@ class KobukiDriver:
 
     def _is_noisy(self, now: Instant) -> bool:
         """Return whether noise replaces feedback."""
-        silent = now - self._feedback_at > FEEDBACK_SILENCE
+        silent = now - self._feedback_at > KOBUKI_LIMITS.silence
         return silent and self._reader.reception.skipped - self._skipped_before >= _NOISE_BYTES
 
     def _feedback(self, feedback: BaseFeedback) -> None:

@@ -1,18 +1,21 @@
-"""Differential drive of a Kobuki: conversion of velocities, and odometry from encoders and gyro.
+"""Differential drive of a Kobuki: conversion of velocities, feedback, and limits.
 
-Source: kobuki-base/kobuki_core, src/driver/diff_drive.cpp, and kobuki_node, odometry; the formula of
-base control in protocol.rst lacks brackets.
+Source: kobuki-base/kobuki_core, src/driver/diff_drive.cpp; the formula of base control in
+protocol.rst lacks brackets.
 """
 
 import math
-from dataclasses import dataclass
 from typing import Final, NamedTuple
 
 from actors.geometry import wrap
-from actors.instant import in_seconds
-from actors.messages import Odometry
-from actors.portable import cos, sin
-from firmware_bridge.kobuki.kobuki_packets import BaseControl, BaseFeedback, BasicSensorData, WireMisuseError
+from actors.instant import Duration, Instant, milliseconds
+from firmware_bridge.base_feedback import DriveLimits, WheelMotion
+from firmware_bridge.kobuki.kobuki_packets import (
+    BaseControl,
+    BasicSensorData,
+    InertialSensorData,
+    WireMisuseError,
+)
 
 TRACK: Final = 0.230
 """Distance between the wheels, m."""
@@ -64,182 +67,78 @@ def ticks_between(before: BasicSensorData, after: BasicSensorData) -> tuple[int,
     return ((left + 0x8000) & 0xFFFF) - 0x8000, ((right + 0x8000) & 0xFFFF) - 0x8000
 
 
-def distances_between(before: BasicSensorData, after: BasicSensorData) -> tuple[float, float]:
-    """Return the distances travelled by left and right wheel, m."""
-    left, right = ticks_between(before, after)
-    return left * METRES_PER_TICK, right * METRES_PER_TICK
-
-
 def _to_int16(value: float) -> int:
     """Return the value rounded towards zero and clipped to int16."""
     return int(max(-_LIMIT - 1, min(_LIMIT, value)))
 
 
 _CENTIDEGREE: Final = math.radians(0.01)
-_STANDING: Final = 0.02
-"""Velocities below this count as standstill, m/s and rad/s; own choice: a tick in 20 ms is 4 mm/s."""
 
 
-_MAX_WHEEL_SPEED: Final = 2.0
-"""Maximum plausible wheel speed, m/s; own choice, twice the maximum at 0.7 m/s while turning."""
-_MAX_GYRO_RATE: Final = 12.0
-"""Maximum plausible turn rate of the gyro, rad/s; own choice, twice the range of its rate's field."""
-_SLACK: Final = 0.02
-"""Tolerance of the time between two stamps, s: stamps and ticks are sampled at different times."""
-LONGEST_GAP: Final = 3.0
-"""Maximum time between two feedbacks, s; encoder ticks are ambiguous after 4 s at 0.7 m/s (half of 65536)."""
-_FROZEN_TURN: Final = 0.2
-"""Turn of the wheels with constant gyro values after which the gyro may be frozen, rad; our choice. Slip of a
-wheel looks the same with a noise-free gyro, so other checks decide."""
-_FROZEN_FEEDBACKS: Final = 25
-"""Minimum number of such feedbacks."""
+class BaseFeedback(NamedTuple):
+    """One feedback of a Kobuki, with its time of arrival: a DriveFeedback."""
 
-
-@dataclass
-class OdometryCounts:
-    """Counts of irregular feedback."""
-
-    repeated: int = 0
-    """Feedbacks with the same stamp as before; ignored."""
-    implausible: int = 0
-    """Feedbacks with implausibly fast motion; ignored."""
-    restarts: int = 0
-    """Restarts of the base's counters; the motion in between is unknown."""
-    gaps: int = 0
-    """Gaps in the feedback that are too long; the motion in between is unknown."""
-    wheel_headings: int = 0
-    """Turns computed from the wheels, without a working gyro."""
-
-
-class _Motion(NamedTuple):
-    """Motion between two feedbacks: s, m, m and rad."""
-
-    time: float
-    left: float
-    right: float
-    turn: float | None
-
-
-class KobukiOdometry:
-    """Odometry: integrates feedback to a pose in the frame of the first one."""
-
-    def __init__(self) -> None:
-        self.longest_gap = LONGEST_GAP
-        self._last: BaseFeedback | None = None
-        self._ignored: BaseFeedback | None = None
-        """Last ignored feedback; if the next one is consistent with it, the base has restarted."""
-        self._x = self._y = 0.0
-        self._v = self._omega = 0.0
-        self._constant_feedbacks = 0
-        self._uncounted_turn = 0.0
-        """Turn of the wheels since the gyro's values last changed, rad."""
-        self._frozen = False
-        self.heading = 0.0
-        """Heading relative to the first feedback, unwrapped, rad."""
-        self.counts = OdometryCounts()
+    instant: Instant
+    basic: BasicSensorData
+    inertial: InertialSensorData | None
+    """None without a gyro or with a faulty one."""
 
     @property
-    def unknown(self) -> int:
-        """Number of periods of possible motion without feedback, which invalidate the pose."""
-        return self.counts.gaps + self.counts.restarts
+    def gyro(self) -> InertialSensorData | None:
+        """Values of the gyro."""
+        return self.inertial
 
     @property
-    def gyro_is_constant(self) -> bool:
-        """True if the gyro's values stay constant while the wheels turn: one of them is faulty."""
-        return self._constant_feedbacks >= _FROZEN_FEEDBACKS and abs(self._uncounted_turn) >= _FROZEN_TURN
+    def turn_rate(self) -> float | None:
+        """Turn rate by the gyro, rad/s."""
+        return None if self.inertial is None else math.radians(self.inertial.rate_cdeg / 100)
 
     @property
-    def uses_wheel_heading(self) -> bool:
-        """True while the heading is computed from the wheels, without a working gyro."""
-        return self._frozen
-
-    def use_wheel_heading(self) -> None:
-        """Use the heading of the wheels until the gyro's values change."""
-        self._frozen = True
+    def bumper(self) -> int:
+        """Pressed parts."""
+        return self.basic.bumper
 
     @property
-    def is_moving(self) -> bool:
-        """True if the base moved between the last two feedbacks."""
-        return abs(self._v) > _STANDING or abs(self._omega) > _STANDING
+    def wheel_drop(self) -> int:
+        """Wheels without contact."""
+        return self.basic.wheel_drop
 
-    def read(self) -> Odometry:
-        """Return the pose since the first feedback, and the velocity between the last two."""
-        return Odometry(self._x, self._y, wrap(self.heading), self._v, 0.0, self._omega)
+    @property
+    def cliff(self) -> int:
+        """Cliff sensors without floor."""
+        return self.basic.cliff
 
-    def set_standing(self) -> None:
-        """Set the velocity to zero, after a loss of feedback."""
-        self._v = self._omega = 0.0
+    @property
+    def overcurrent(self) -> int:
+        """Motors with over-current."""
+        return self.basic.overcurrent
 
-    def take(self, feedback: BaseFeedback) -> None:
-        """Add one feedback."""
-        if self._last is None:
-            self._last = feedback
-            return
-        if in_seconds(feedback.instant - self._last.instant) > self.longest_gap:
-            self.counts.gaps += 1
-            self._restart(feedback)
-            return
-        motion = _motion_between(self._last, feedback)
-        if motion.time == 0:
-            self.counts.repeated += 1
-        elif self._is_plausible(motion):
-            self._ignored = None
-            self._add(motion, frozen=feedback.inertial == self._last.inertial)
-            self._last = feedback
-        elif self._ignored is not None and self._is_plausible(_motion_between(self._ignored, feedback)):
-            self.counts.restarts += 1
-            self._restart(feedback)
-        else:
-            self.counts.implausible += 1
-            self._ignored = feedback
+    @property
+    def backup_limit(self) -> bool:
+        """False: a Kobuki has none."""
+        return False
 
-    def _restart(self, feedback: BaseFeedback) -> None:
-        """Restart from this feedback, ignoring motion before it."""
-        self._last, self._ignored = feedback, None
-        self.set_standing()
-        self._reset_gyro_check()
-
-    def _reset_gyro_check(self) -> None:
-        self._constant_feedbacks, self._uncounted_turn, self._frozen = 0, 0.0, False
-
-    def _is_plausible(self, motion: _Motion) -> bool:
-        time = motion.time + _SLACK
-        return (
-            0 < motion.time <= self.longest_gap
-            and max(abs(motion.left), abs(motion.right)) <= _MAX_WHEEL_SPEED * time
-            and (self._frozen or abs(motion.turn or 0.0) <= _MAX_GYRO_RATE * time)
-        )
-
-    def _add(self, motion: _Motion, frozen: bool) -> None:
-        """Integrate a motion; `frozen`: the gyro's values are unchanged."""
-        turn = self._turn(motion, frozen)
-        forward = (motion.left + motion.right) / 2
-        self._x += forward * cos(self.heading + turn / 2)
-        self._y += forward * sin(self.heading + turn / 2)
-        self.heading += turn
-        self._v, self._omega = forward / motion.time, turn / motion.time
-
-    def _turn(self, motion: _Motion, frozen: bool) -> float:
-        """Return the gyro's turn, or the wheels' turn if the gyro is absent or known to be frozen."""
-        by_wheels = (motion.right - motion.left) / TRACK
-        if motion.turn is None or not frozen:
-            # a recovering gyro may jump by a turn that is already counted from the wheels
-            on_wheels = motion.turn is None or self._frozen
-            self._reset_gyro_check()
-            self.counts.wheel_headings += on_wheels
-            return by_wheels if motion.turn is None or on_wheels else motion.turn
-        self._constant_feedbacks += 1
-        self._uncounted_turn += by_wheels
-        if not self._frozen:
-            return motion.turn
-        self.counts.wheel_headings += 1
-        turn_since, self._uncounted_turn = self._uncounted_turn, 0.0
-        return turn_since
+    def since(self, before: "BaseFeedback") -> WheelMotion:
+        """Return the motion since an earlier feedback."""
+        turn = None
+        if before.inertial is not None and self.inertial is not None:
+            turn = wrap((self.inertial.angle_cdeg - before.inertial.angle_cdeg) * _CENTIDEGREE)
+        advance = Duration(((self.basic.stamp_ms - before.basic.stamp_ms) & 0xFFFF) * 1000)
+        left, right = ticks_between(before.basic, self.basic)
+        return WheelMotion(advance, left * METRES_PER_TICK, right * METRES_PER_TICK, turn)
 
 
-def _motion_between(before: BaseFeedback, after: BaseFeedback) -> _Motion:
-    turn = None
-    if before.inertial is not None and after.inertial is not None:
-        turn = wrap((after.inertial.angle_cdeg - before.inertial.angle_cdeg) * _CENTIDEGREE)
-    time = ((after.basic.stamp_ms - before.basic.stamp_ms) & 0xFFFF) / 1000
-    return _Motion(time, *distances_between(before.basic, after.basic), turn)
+KOBUKI_LIMITS: Final = DriveLimits(
+    track=TRACK,
+    speed=0.7,  # Kobuki user guide
+    turn_rate=math.pi,  # Kobuki user guide: 180°/s (the gyro is less accurate above 110°/s)
+    speed_up=0.3,  # kobuki_driver's defaults
+    # Own choice, above kobuki_driver's 0.36; navigation plans with 1.0 (actors.robot.navigation.steering), so
+    # that this base stops later than planned.
+    slow_down=0.6,
+    turn_up=3.5,  # kobuki_driver's defaults
+    turn_down=4.2,
+    silence=milliseconds(100),  # kobuki_driver
+    still=2 * METRES_PER_TICK,  # own choice, 0.17 mm
+    wheel_speed=2.0,  # own choice, twice the maximum at 0.7 m/s while turning
+)

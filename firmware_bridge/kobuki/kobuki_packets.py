@@ -10,9 +10,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import astuple, dataclass
 from functools import reduce
 from operator import xor
-from typing import Any, Final, Generic, NamedTuple, TypeVar
-
-from actors.instant import Instant
+from typing import Any, Final, Generic, TypeVar
 
 # --- commands ----------------------------------------------------------------------------------------------
 
@@ -102,15 +100,6 @@ class UnknownPacket:
 
 
 FeedbackPacket = BasicSensorData | InertialSensorData | UnknownPacket
-
-
-class BaseFeedback(NamedTuple):
-    """One feedback of a base, with its time of arrival."""
-
-    instant: Instant
-    basic: BasicSensorData
-    inertial: InertialSensorData | None
-    """None without a gyro or with a faulty one."""
 
 
 class WireMisuseError(ValueError):

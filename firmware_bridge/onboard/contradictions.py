@@ -16,12 +16,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from actors.array_types import Flags, Floats
-from actors.geometry import Pose, wrap
+from actors.geometry import Pose
 from actors.instant import Duration, Instant, milliseconds, seconds
 from actors.portable import arrays
-from firmware_bridge.kobuki.kobuki_motion import TRACK, distances_between
-from firmware_bridge.kobuki.kobuki_packets import BaseFeedback
-from firmware_bridge.kobuki.safety import HoldCause
+from firmware_bridge.base_feedback import DriveFeedback
 from firmware_bridge.onboard.motion_checks import (
     MotionChecks,
     Movement,
@@ -31,6 +29,7 @@ from firmware_bridge.onboard.motion_checks import (
     pose_track,
 )
 from firmware_bridge.range_sensors.sensor import SensorSweep
+from firmware_bridge.safety import HoldCause
 
 _POINTS: Final = 90
 """Number of compared points of the later sweep; enough to resolve a door frame."""
@@ -173,12 +172,12 @@ def explained_points(cause: HoldCause, measured: Floats, assumed: Floats) -> int
 class ScanChecks:
     """Detector of sensor faults from consecutive sweeps."""
 
-    def __init__(self, mount: Pose) -> None:
-        """Create it; `mount`: pose of the range sensor on the body."""
+    def __init__(self, mount: Pose, track: float) -> None:
+        """Create it; `mount`: pose of the range sensor on the body, `track`: of the wheels, m."""
         # Compile or load the kernels before the robot drives; some seconds without a cache.
         direction(np.zeros(1))
         arrays.hypot(np.zeros(1), np.zeros(1))
-        self._mount = mount
+        self._mount, self._track = mount, track
         self._sweeps: deque[SensorSweep] = deque()
         """Echoes only."""
         self._suspect: HoldCause | None = None
@@ -202,7 +201,7 @@ class ScanChecks:
             self._sweeps.popleft()
         if len(self._sweeps) < 2:
             return None
-        suspect = self._find_fault({one: pose_track(moves, one) for one in SuspectSensor})
+        suspect = self._find_fault({one: pose_track(moves, one, self._track) for one in SuspectSensor})
         if suspect is None or suspect is not self._suspect:
             self._confirmations = 0
         self._suspect = suspect
@@ -299,12 +298,17 @@ _MAX_MOVEMENTS: Final = 160
 class ContradictionMonitor:
     """Active contradictions between the sensors."""
 
-    def __init__(self, mount: Pose | None) -> None:
-        """Create it; `mount`: pose of the range sensor on the body, None = no sensor."""
+    def __init__(self, mount: Pose | None, track: float) -> None:
+        """Create it.
+
+        `mount`: pose of the range sensor on the body, None = no sensor; `track`: distance between the wheels,
+        m.
+        """
+        self._track = track
         self._moves: deque[Movement] = deque(maxlen=_MAX_MOVEMENTS)
-        self._checks = MotionChecks()
-        self._scans = None if mount is None else ScanChecks(mount)
-        self._last: BaseFeedback | None = None
+        self._checks = MotionChecks(track)
+        self._scans = None if mount is None else ScanChecks(mount, track)
+        self._last: DriveFeedback | None = None
         self._commanded = (0.0, 0.0)
         self._until: dict[HoldCause, Instant] = {}
         self._occurrences: dict[HoldCause, int] = {}
@@ -312,20 +316,18 @@ class ContradictionMonitor:
         """True if wheels and scans (without scans, wheels and command) agree on a turn that contradicts the
         gyro."""
 
-    def feedback(self, feedback: BaseFeedback) -> None:
+    def feedback(self, feedback: DriveFeedback) -> None:
         """Process a feedback of the base; set the velocity by `set_command` first."""
         last, self._last = self._last, feedback
-        now, basic, inertial = feedback
-        if last is None or now - last.instant > _LONGEST_GAP or basic.wheel_drop:
+        now = feedback.instant
+        if last is None or now - last.instant > _LONGEST_GAP or feedback.wheel_drop:
             self._forget()
             return
-        left, right = distances_between(last.basic, basic)
-        turn = (right - left) / TRACK
-        if inertial is not None and last.inertial is not None:
-            turn = wrap(math.radians((inertial.angle_cdeg - last.inertial.angle_cdeg) / 100))
+        _, left, right, turn = feedback.since(last)
+        turn = (right - left) / self._track if turn is None else turn
         move = Movement(now, Duration(now - last.instant), left, right, turn, *self._commanded)
         self._moves.append(move)
-        cause = self._checks.take(move, basic)
+        cause = self._checks.take(move, feedback)
         if cause is not None:
             self.is_gyro_contradicted |= cause is HoldCause.GYRO and self._scans is None
             self._report(now, cause)

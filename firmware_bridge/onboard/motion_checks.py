@@ -16,9 +16,8 @@ from numpy.typing import NDArray
 from actors.array_types import Floats, Int64s
 from actors.instant import Duration, Instant, milliseconds, seconds
 from actors.portable import arrays
-from firmware_bridge.kobuki.kobuki_motion import TRACK
-from firmware_bridge.kobuki.kobuki_packets import BasicSensorData
-from firmware_bridge.kobuki.safety import HoldCause
+from firmware_bridge.base_feedback import DriveFeedback
+from firmware_bridge.safety import HoldCause
 
 
 class SuspectSensor(Enum):
@@ -71,12 +70,12 @@ def direction(angles: Floats) -> NDArray[np.complex128]:
     return arrays.cos(angles) + 1j * arrays.sin(angles)
 
 
-def pose_track(moves: Sequence[Movement], suspect: SuspectSensor) -> PoseTrack:
-    """Integrate the movements without the suspected sensor."""
+def pose_track(moves: Sequence[Movement], suspect: SuspectSensor, track: float) -> PoseTrack:
+    """Integrate the movements without the suspected sensor; `track`: distance between the wheels, m."""
     instants, time, left, right, turn, v, _ = np.array(moves, np.float64).T
     forward = v * time * 1e-6 if suspect is SuspectSensor.WHEELS else (left + right) / 2
     if suspect is SuspectSensor.GYRO:
-        turn = (right - left) / TRACK
+        turn = (right - left) / track
     heading = np.cumsum(turn)
     position = np.cumsum(forward * direction(heading - turn / 2))
     return PoseTrack(instants.astype(np.int64), position, heading)
@@ -101,24 +100,25 @@ _MAX_LEAD_MS: Final = 500
 """Maximum lead of the base's clock, ms."""
 _STUCK_AFTER: Final = 0.3
 """Distance of backing off after which a pressed bumper is stuck, m; own choice: twice that of the robot."""
-_STAMP_RANGE: Final = 1 << 16
 
 
 class MotionChecks:
     """Detector of faults in feedback."""
 
-    def __init__(self) -> None:
+    def __init__(self, track: float) -> None:
+        """Create it; `track`: distance between the wheels, m."""
+        self._track = track
         self._moves: deque[Movement] = deque()
         self._backed = 0.0
-        self._stamp: tuple[Instant, int] | None = None
+        self._last: DriveFeedback | None = None
         self._wrong_stamps = 0
 
-    def take(self, move: Movement, basic: BasicSensorData) -> HoldCause | None:
+    def take(self, move: Movement, feedback: DriveFeedback) -> HoldCause | None:
         """Add one feedback and return a detected fault."""
-        cause = self._clock_fault(move.instant, basic.stamp_ms) or self._bumper_fault(move, basic)
+        cause = self._clock_fault(feedback) or self._bumper_fault(move, feedback)
         if cause is not None:
             return cause
-        if basic.wheel_drop or basic.bumper or (move.v == 0 and move.omega == 0):
+        if feedback.wheel_drop or feedback.bumper or (move.v == 0 and move.omega == 0):
             self.forget()
             return None
         self._moves.append(move)
@@ -126,37 +126,38 @@ class MotionChecks:
             self._moves.popleft()
         rows = np.array(self._moves, np.float64)[::-1]  # newest first
         _, time, left, right, turn, v, omega = rows.T
-        turning_speed = omega * TRACK / 2
+        turning_speed = omega * self._track / 2
         travelled = np.cumsum((left, right), axis=1)
         commanded = np.cumsum(((v - turning_speed) * time, (v + turning_speed) * time), axis=1) * 1e-6
-        return _turn_fault(travelled[:, -1], commanded[:, -1], np.cumsum(turn)[-1]) or _blocking_fault(
-            np.cumsum(time), travelled, commanded
-        )
+        return _turn_fault(
+            travelled[:, -1], commanded[:, -1], np.cumsum(turn)[-1], self._track
+        ) or _blocking_fault(np.cumsum(time), travelled, commanded)
 
     def forget(self) -> None:
         """Discard all movements."""
         self._moves.clear()
 
-    def _clock_fault(self, now: Instant, stamp_ms: int) -> HoldCause | None:
-        before, self._stamp = self._stamp, (now, stamp_ms)
+    def _clock_fault(self, feedback: DriveFeedback) -> HoldCause | None:
+        before, self._last = self._last, feedback
         if before is None:
             return None
-        advance_ms = (stamp_ms - before[1]) % _STAMP_RANGE
-        is_wrong = advance_ms == 0 or advance_ms > (now - before[0]) // 1000 + _MAX_LEAD_MS
+        advance_ms = feedback.since(before).advance // 1000
+        passed_ms = (feedback.instant - before.instant) // 1000
+        is_wrong = advance_ms <= 0 or advance_ms > passed_ms + _MAX_LEAD_MS
         self._wrong_stamps = self._wrong_stamps + 1 if is_wrong else 0
         return HoldCause.BASE_CLOCK if self._wrong_stamps >= _MAX_WRONG_STAMPS else None
 
-    def _bumper_fault(self, move: Movement, basic: BasicSensorData) -> HoldCause | None:
-        self._backed = self._backed - min(0.0, (move.left + move.right) / 2) if basic.bumper else 0.0
+    def _bumper_fault(self, move: Movement, feedback: DriveFeedback) -> HoldCause | None:
+        self._backed = self._backed - min(0.0, (move.left + move.right) / 2) if feedback.bumper else 0.0
         return HoldCause.BUMPER_STUCK if self._backed > _STUCK_AFTER else None
 
 
-def _turn_fault(travelled: Floats, commanded: Floats, gyro: float) -> HoldCause | None:
+def _turn_fault(travelled: Floats, commanded: Floats, gyro: float, track: float) -> HoldCause | None:
     """Compare wheels and gyro; the command decides which of them is faulty, if unambiguous.
 
     `travelled`, `commanded`: measured and commanded distances of left and right wheel, (2,), m.
     """
-    wheels, omega = (travelled[1] - travelled[0]) / TRACK, (commanded[1] - commanded[0]) / TRACK
+    wheels, omega = (travelled[1] - travelled[0]) / track, (commanded[1] - commanded[0]) / track
     if abs(wheels - gyro) <= _MAX_TURN_DIFFERENCE + _MAX_TURN_SHARE * max(abs(wheels), abs(gyro)):
         return None
     if abs(wheels - omega) < _UNAMBIGUOUS * abs(gyro - omega):

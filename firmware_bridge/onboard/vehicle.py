@@ -14,12 +14,13 @@ from actors.robot_model import BatteryParameters
 from actors.runtime.errors import AcrcError
 from firmware_bridge.kobuki import guardian
 from firmware_bridge.kobuki.driver import BatteryLevel, KobukiDriver
-from firmware_bridge.kobuki.safety import HoldCause
+from firmware_bridge.kobuki.kobuki_motion import TRACK
 from firmware_bridge.onboard.contradictions import ContradictionMonitor
 from firmware_bridge.onboard.device_loop import DeviceLine
 from firmware_bridge.range_sensors.depth import CameraFeed, DepthError, DepthScanner
 from firmware_bridge.range_sensors.rplidar import Rplidar
 from firmware_bridge.range_sensors.sensor import RangeReader
+from firmware_bridge.safety import HoldCause
 from firmware_bridge.serial_port import Say, SerialPort
 
 _HEARTBEAT_INTERVAL: Final = milliseconds(10)
@@ -223,7 +224,7 @@ class TurtleBot:
     ) -> None:
         """Create it; `mount`: pose of the range sensor on the body."""
         self._battery = battery
-        self._contradictions = ContradictionMonitor(None if ranger is None else mount)
+        self._contradictions = ContradictionMonitor(None if ranger is None else mount, TRACK)
         self._contradiction_causes: frozenset[HoldCause] = frozenset()
         self._kobuki = kobuki
         self._line = DeviceLine(open_base, kobuki, self._take, say)

@@ -20,8 +20,8 @@ from actors.instant import Instant, milliseconds
 from actors.portable import atan, tan
 from actors.robot_model import RangeSensor as SensorModel
 from actors.runtime.errors import AcrcError
-from firmware_bridge.kobuki.safety import HoldCause
 from firmware_bridge.range_sensors.sensor import REACH, RangeReader, RepetitionDetector, SensorSweep
+from firmware_bridge.safety import HoldCause
 from firmware_bridge.serial_port import Say, changed_only
 
 WIDTH, HEIGHT = 640, 480

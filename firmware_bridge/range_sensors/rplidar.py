@@ -16,13 +16,13 @@ import numpy as np
 from actors.array_types import Floats
 from actors.instant import Instant, milliseconds
 from actors.robot_model import RangeSensor as SensorModel
-from firmware_bridge.kobuki.safety import HoldCause
 from firmware_bridge.range_sensors.sensor import (
     FrozenBeamDetector,
     RangeReader,
     RepetitionDetector,
     SensorSweep,
 )
+from firmware_bridge.safety import HoldCause
 
 REQUEST: Final = 0xA5
 

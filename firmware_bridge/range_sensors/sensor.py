@@ -12,7 +12,7 @@ from actors.array_types import Floats, Int64s
 from actors.instant import Instant
 from actors.messages import NO_ECHO_MM, Scan
 from actors.robot_model import RangeSensor
-from firmware_bridge.kobuki.safety import HoldCause
+from firmware_bridge.safety import HoldCause
 
 REACH: Final = math.radians(1.0)
 """Maximum angle between a ray and the sample used for it if no sample is in the ray's own sector; own choice:

@@ -19,18 +19,17 @@ from actors.instant import START, Instant
 from actors.runtime.errors import AcrcError
 from firmware_bridge.device_lines import NO_NOISE, LineNoise, PseudoTerminal
 from firmware_bridge.kobuki.driver import BatteryLevel, StateChange
-from firmware_bridge.kobuki.kobuki_motion import TRACK, velocity
+from firmware_bridge.kobuki.kobuki_motion import KOBUKI_LIMITS, TRACK, BaseFeedback, velocity
 from firmware_bridge.kobuki.kobuki_packets import (
     POWER_RAILS,
     BaseControl,
-    BaseFeedback,
     BasicSensorData,
     Command,
     GeneralOutput,
     InertialSensorData,
     SoundSequence,
 )
-from firmware_bridge.kobuki.safety import AllowedMotion, HoldCause, SafetyStop
+from firmware_bridge.safety import AllowedMotion, HoldCause, SafetyStop
 from firmware_bridge.serial_port import KOBUKI, PortError, SerialPort
 from tests.kobuki.rig import Rig, Room
 
@@ -45,7 +44,7 @@ class SafetyScenario:
 
     def __init__(self) -> None:
         self.now = START
-        self.safety = SafetyStop(START)
+        self.safety = SafetyStop(START, KOBUKI_LIMITS)
         self.ticks = 0
         self.rate = 0
         self.bumper = self.cliff = self.drop = self.overcurrent = 0
@@ -211,7 +210,7 @@ STEP = st.tuples(
 def test_the_rules_hold_for_any_inputs(
     steps: list[tuple[int, tuple[int, int, int] | None, tuple[float, float, int] | None]],
 ) -> None:
-    now, safety = START, SafetyStop(START)
+    now, safety = START, SafetyStop(START, KOBUKI_LIMITS)
     heard: Instant | None = None
     newest = -(10**12)
     bits = (0, 0, 0)

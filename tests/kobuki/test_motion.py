@@ -15,12 +15,11 @@ from actors.instant import START, Instant
 from actors.robot_model import KobukiErrors
 from firmware_bridge.kobuki.driver import KobukiDriver
 from firmware_bridge.kobuki.emulated_kobuki import BaseParameters
-from firmware_bridge.kobuki.kobuki_motion import KobukiOdometry, base_control, velocity
+from firmware_bridge.kobuki.kobuki_motion import KOBUKI_LIMITS, BaseFeedback, base_control, velocity
 from firmware_bridge.kobuki.kobuki_packets import (
     HEADER,
     LONGEST,
     BaseControl,
-    BaseFeedback,
     BasicSensorData,
     Command,
     FeedbackPacket,
@@ -37,6 +36,7 @@ from firmware_bridge.kobuki.kobuki_packets import (
     encode_feedback,
     encode_frame,
 )
+from firmware_bridge.wheel_odometry import WheelOdometry
 from tests.kobuki.rig import Rig
 
 COMMANDS = [
@@ -358,8 +358,8 @@ def feedback(at_us: int, stamp_ms: int, left: int, right: int, angle: int) -> Ba
     return BaseFeedback(Instant(at_us), basic, InertialSensorData(angle, 0))
 
 
-def fed(readings: list[tuple[int, int, int, int]]) -> KobukiOdometry:
-    odometry = KobukiOdometry()
+def fed(readings: list[tuple[int, int, int, int]]) -> WheelOdometry:
+    odometry = WheelOdometry(KOBUKI_LIMITS)
     for ms, left, right, angle in readings:
         odometry.take(feedback(1000 * ms, ms & 0xFFFF, left, right, angle))
     return odometry

@@ -31,10 +31,10 @@ from firmware_bridge.device_lines import BASE, DEVICES, RADIO, RANGE, DevicePort
 from firmware_bridge.kobuki.driver import KobukiDriver
 from firmware_bridge.kobuki.kobuki_motion import base_control
 from firmware_bridge.kobuki.kobuki_packets import encode_command, encode_frame
-from firmware_bridge.kobuki.safety import HoldCause
 from firmware_bridge.laboratory.__main__ import main
 from firmware_bridge.laboratory.laboratory import LIDAR, FaultInjector, Laboratory, LaboratorySetup
 from firmware_bridge.range_sensors.rplidar import LidarRequest
+from firmware_bridge.safety import HoldCause
 from firmware_bridge.serial_port import PortError
 from tests.laboratory.hosts import ROOT, STARTS, BaseHost, LidarHost, Running, setup, until
 

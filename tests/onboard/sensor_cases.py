@@ -12,7 +12,7 @@ from actors.floor.placement import PlacementError, check_pose
 from actors.geometry import Point, Pose
 from actors.installation.repository import SHIPPED
 from actors.randomness import generator
-from firmware_bridge.kobuki.safety import HoldCause
+from firmware_bridge.safety import HoldCause
 from tests.onboard.sensor_rig import LidarFault, SensorRig, Starts, Straight
 
 Act = Callable[[SensorRig], None]

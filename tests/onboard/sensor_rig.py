@@ -26,11 +26,11 @@ from actors.world.physics import SUBSTEP
 from actors.world.world_setup import BodySetup, WorldSetup
 from firmware_bridge.device_lines import BASE, NO_NOISE, RADIO, RANGE, DevicePort, LineNoise
 from firmware_bridge.kobuki.driver import KobukiDriver
-from firmware_bridge.kobuki.safety import HoldCause
 from firmware_bridge.laboratory.laboratory import LIDAR, Laboratory, LaboratorySetup
 from firmware_bridge.onboard.vehicle import GuardianLink, LidarDevice, TurtleBot
 from firmware_bridge.range_sensors.rplidar import FULL_TURN_Q6, Rplidar, Sample
 from firmware_bridge.range_sensors.rplidar_emulator import EmulatedRplidar, RangeFunction
+from firmware_bridge.safety import HoldCause
 from firmware_bridge.serial_port import SerialPort
 
 MODEL = load_model("turtlebot2", "chapter")

@@ -10,12 +10,12 @@ import pytest
 
 from actors.geometry import Pose
 from actors.instant import Instant, milliseconds
-from firmware_bridge.kobuki.kobuki_motion import METRES_PER_TICK
-from firmware_bridge.kobuki.kobuki_packets import BaseFeedback, BasicSensorData, InertialSensorData
-from firmware_bridge.kobuki.safety import HoldCause
+from firmware_bridge.kobuki.kobuki_motion import METRES_PER_TICK, TRACK, BaseFeedback
+from firmware_bridge.kobuki.kobuki_packets import BasicSensorData, InertialSensorData
 from firmware_bridge.onboard.contradictions import REST, ContradictionMonitor, ScanChecks, large_objects
 from firmware_bridge.onboard.motion_checks import Movement
 from firmware_bridge.range_sensors.sensor import SensorSweep
+from firmware_bridge.safety import HoldCause
 from tests.helpers import in_order
 from tests.kobuki.rig import Room
 from tests.onboard.sensor_cases import (
@@ -194,7 +194,7 @@ class Wheels:
 
     def __init__(self) -> None:
         self.now, self.left, self.right, self.angle = Instant(0), 0.0, 0.0, 0.0
-        self.judge = ContradictionMonitor(None)
+        self.judge = ContradictionMonitor(None, TRACK)
 
     def drive(
         self, time_s: float, left: float, right: float, turn: float, told: tuple[float, float], **basic: int
@@ -265,7 +265,7 @@ def seen(pose: Pose, at_us: int, random: np.random.Generator) -> SensorSweep:
 
 def judged(truth: Pose, forward: float) -> set[HoldCause | None]:
     """Return the results of four sweeps from `truth` while the wheels report `forward` m between sweeps."""
-    checks, random = ScanChecks(Pose(0.0, 0.0, 0.0)), np.random.default_rng(1)
+    checks, random = ScanChecks(Pose(0.0, 0.0, 0.0), TRACK), np.random.default_rng(1)
     moves: list[Movement] = []
     said: set[HoldCause | None] = set()
     for at in range(4):

@@ -17,7 +17,7 @@ from actors.messages import SENSES, SensorData
 from actors.runtime.codec import decode
 from actors.runtime.recording import Note, RecordingError, read_notes, read_recording
 from firmware_bridge.device_lines import RADIO, RANGE
-from firmware_bridge.kobuki.kobuki_motion import LONGEST_GAP
+from firmware_bridge.wheel_odometry import LONGEST_GAP
 from tests.helpers import until
 from tests.onboard.standstill_rig import GUARDIAN, MAP, Rig, Where, held, killed, stopped
 from tests.swarm.command import acrc, begin, leftovers, processes_of

@@ -14,7 +14,6 @@ from actors.geometry import Pose
 from actors.instant import Instant
 from actors.messages import NO_ECHO_MM
 from actors.robot_model import load_model
-from firmware_bridge.kobuki.safety import HoldCause
 from firmware_bridge.range_sensors import depth as depth_camera
 from firmware_bridge.range_sensors.depth import (
     Camera,
@@ -26,6 +25,7 @@ from firmware_bridge.range_sensors.depth import (
     column_slopes,
 )
 from firmware_bridge.range_sensors.sensor import FrozenBeamDetector
+from firmware_bridge.safety import HoldCause
 from tests.helpers import until
 from tests.kobuki.rig import Room
 

@@ -1,4 +1,4 @@
-"""Safety stop of a Kobuki: limits each commanded velocity, and reports the causes.
+"""Safety stop of a differential base: limits each commanded velocity, and reports the causes.
 
 It limits every command before it is sent; no adaptation, setting or message bypasses it. A Kobuki's firmware
 does not stop for bumper, cliff or wheel drop since 1.1.2.
@@ -6,7 +6,8 @@ does not stop for bumper, cliff or wheel drop since 1.1.2.
 Rules while a cause lasts:
 - bumper or cliff: no wheel turns forward; backing off is allowed, also in arcs;
 - wheel drop: no motion until both wheels carry the base and it has stood still for `_STILLNESS`;
-- no feedback: no motion until feedback has been received for `_FEEDBACK_RECOVERY`;
+- backup limit: no backward motion;
+- no feedback: no motion until feedback has been received for as long as its timeout;
 - over-current at a wheel: no motion until `_OVERCURRENT_REST` after it;
 - empty battery and external causes (`hold`): no motion;
 - commands that are not finite or older than 0.2 s are not executed;
@@ -19,43 +20,28 @@ from enum import Enum
 from typing import Final, NamedTuple
 
 from actors.instant import Instant, in_seconds, milliseconds
-from firmware_bridge.kobuki.kobuki_motion import TRACK, ticks_between
-from firmware_bridge.kobuki.kobuki_packets import BaseFeedback, BasicSensorData, InertialSensorData
+from firmware_bridge.base_feedback import DriveFeedback, DriveLimits
 
-FEEDBACK_SILENCE: Final = milliseconds(100)
-"""Timeout of feedback; kobuki_driver: 100 ms."""
-_FEEDBACK_RECOVERY: Final = milliseconds(100)
-"""Required duration of feedback after a silence before motion; own choice, five feedbacks."""
 _COMMAND_AGE: Final = milliseconds(200)
 """Maximum age of a command; two steps."""
 _STILLNESS: Final = milliseconds(1000)
 """Required standstill after a wheel drop before motion; own choice."""
-_STILL_TICKS: Final = 2
-"""Maximum change of encoder ticks between two feedbacks at standstill; own choice, 0.17 mm."""
-_STILL_RATE_CDEG: Final = 200
-"""Maximum gyro rate at standstill, 0.01°/s; own choice, far above its noise."""
+_STILL_RATE: Final = math.radians(2)
+"""Maximum gyro rate at standstill, rad/s; own choice, far above its noise."""
 _OVERCURRENT_REST: Final = milliseconds(1000)
 """Stop after the end of over-current; own choice."""
-_SPEED: Final = 0.7
-"""Maximum speed, m/s; Kobuki user guide."""
-_TURN_RATE: Final = math.pi
-"""Maximum turn rate, rad/s; Kobuki user guide: 180°/s (the gyro is less accurate above 110°/s)."""
-_SPEED_UP, _TURN_UP = 0.3, 3.5
-"""Maximum accelerations, m/s² and rad/s²; kobuki_driver's defaults."""
-_SLOW_DOWN, _TURN_DOWN = 0.6, 4.2
-"""Maximum decelerations. Own choice of 0.6, above kobuki_driver's 0.36; navigation plans with 1.0
-(actors.robot.navigation.steering), so that this base stops later than planned."""
 _MAX_RAMP_TIME: Final = milliseconds(60)
 """Limit of the time between two commands in ramps; own choice, three feedbacks: no jump after a suspended
 host."""
-_MIN_BACKWARD_RADIUS: Final = TRACK / 2 + 0.002
-"""Minimum radius of backing off, m: half the track plus rounding to whole mm."""
+_RADIUS_MARGIN: Final = 0.002
+"""Margin of the minimum radius of backing off, m: a Kobuki's is rounded to whole mm."""
 
 
 class VelocityRamp:
     """Acceleration-limited velocity."""
 
-    def __init__(self) -> None:
+    def __init__(self, limits: DriveLimits) -> None:
+        self._limits = limits
         self._at: Instant | None = None
         self.v = 0.0
         self.omega = 0.0
@@ -67,11 +53,11 @@ class VelocityRamp:
     def towards(self, now: Instant, v: float, omega: float) -> tuple[float, float]:
         """Return the velocity at `now`, m/s and rad/s, ramped towards the target."""
         passed = 0 if self._at is None else max(0, min(now - self._at, _MAX_RAMP_TIME))
-        time = in_seconds(passed)
+        time, limits = in_seconds(passed), self._limits
         self.set(
             now,
-            _ramp_step(self.v, v, _SPEED_UP * time, _SLOW_DOWN * time),
-            _ramp_step(self.omega, omega, _TURN_UP * time, _TURN_DOWN * time),
+            _ramp_step(self.v, v, limits.speed_up * time, limits.slow_down * time),
+            _ramp_step(self.omega, omega, limits.turn_up * time, limits.turn_down * time),
         )
         return self.v, self.omega
 
@@ -94,6 +80,7 @@ class HoldCause(Enum):
     PUT_DOWN = "just put down: waiting for standstill"
     BUMPER = "bumper pressed: backward only"
     CLIFF = "cliff ahead: backward only"
+    BACKUP_LIMIT = "backup limit of the base: forward only"
     OVERCURRENT = "over-current at a wheel: it may be blocked"
     BATTERY = "battery nearly empty"
     NOISE = "serial line of the base is noisy: feedback damaged"
@@ -119,6 +106,7 @@ class HoldCause(Enum):
 
 
 _BACKWARD_ONLY: Final = frozenset({HoldCause.BUMPER, HoldCause.CLIFF})
+_FORWARD_ONLY: Final = frozenset({HoldCause.BACKUP_LIMIT})
 
 
 class StopCause(NamedTuple):
@@ -148,9 +136,9 @@ class _Command(NamedTuple):
 class SafetyStop:
     """State of the safety stop; it needs all feedback and all commands."""
 
-    def __init__(self, started: Instant) -> None:
-        self._started = started
-        self._basic: BasicSensorData | None = None
+    def __init__(self, started: Instant, limits: DriveLimits) -> None:
+        self._limits = limits
+        self._feedback: DriveFeedback | None = None
         self._feedback_at = started
         self._silent_until: Instant | None = None
         """Time of the first feedback after a silence; None before the first one."""
@@ -162,22 +150,22 @@ class SafetyStop:
         self._external_causes: set[HoldCause] = set()
         self._command: _Command | None = None
         self._since: dict[HoldCause, Instant] = {}
-        self._ramp = VelocityRamp()
+        self._ramp = VelocityRamp(limits)
         self.late_commands = 0
         """Number of ignored commands that were older than their predecessor."""
 
-    def sense(self, feedback: BaseFeedback) -> None:
+    def sense(self, feedback: DriveFeedback) -> None:
         """Process one feedback of the base."""
-        now, basic, inertial = feedback
-        if self._silent_until is None or now - self._feedback_at > FEEDBACK_SILENCE:
+        now = feedback.instant
+        if self._silent_until is None or now - self._feedback_at > self._limits.silence:
             self._silent_until = now
-        if basic.wheel_drop:
+        if feedback.wheel_drop:
             self._was_lifted = True
-        if basic.wheel_drop or not self._is_still(basic, inertial):
+        if feedback.wheel_drop or not self._is_still(feedback):
             self._moved_at = now
-        if basic.overcurrent:
+        if feedback.overcurrent:
             self._overcurrent_at = now
-        self._basic, self._feedback_at = basic, now
+        self._feedback, self._feedback_at = feedback, now
 
     def hold(self, cause: HoldCause, holds: bool) -> None:
         """Set or clear an external cause that prevents all motion."""
@@ -204,29 +192,29 @@ class SafetyStop:
         stops = tuple(
             StopCause(cause, self._since[cause], causes[cause]) for cause in HoldCause if cause in causes
         )
-        standing = any(stop.cause not in _BACKWARD_ONLY for stop in stops)
+        standing = any(stop.cause not in _BACKWARD_ONLY | _FORWARD_ONLY for stop in stops)
         if standing or self._command is None:
             self._ramp.set(now, 0.0, 0.0)
             return AllowedMotion(0.0, 0.0, stops)
         _, _, v, omega = self._command
-        excess = max(1.0, abs(v) / _SPEED, abs(omega) / _TURN_RATE)
+        excess = max(1.0, abs(v) / self._limits.speed, abs(omega) / self._limits.turn_rate)
         v, omega = v / excess, omega / excess  # on the same arc
         if not stops:
             return AllowedMotion(*self._ramp.towards(now, v, omega), stops)
-        ramped = self._ramp.towards(now, *_backward_only(v, omega))
-        v, omega = _backward_only(*ramped)  # stop forward motion immediately, without a ramp
+        ramped = self._ramp.towards(now, *self._restrict(stops, v, omega))
+        v, omega = self._restrict(stops, *ramped)  # stop other motion immediately, without a ramp
         self._ramp.set(now, v, omega)
         return AllowedMotion(v, omega, stops)
 
     def _causes(self, now: Instant) -> dict[HoldCause, int]:
         """Return active causes with their sensor's bits."""
         causes: dict[HoldCause, int] = {}
-        if self._basic is None or now - self._feedback_at > FEEDBACK_SILENCE:
+        if self._feedback is None or now - self._feedback_at > self._limits.silence:
             causes[HoldCause.NO_FEEDBACK] = 0
-        elif self._silent_until is not None and now - self._silent_until < _FEEDBACK_RECOVERY:
+        elif self._silent_until is not None and now - self._silent_until < self._limits.silence:
             causes[HoldCause.LINK_RECOVERING] = 0
-        if self._basic is not None:
-            causes |= self._sensor_causes(now, self._basic)
+        if self._feedback is not None:
+            causes |= self._sensor_causes(now, self._feedback)
         causes |= dict.fromkeys(self._external_causes, 0)
         command = self._command
         if command is None or now - command.arrived > _COMMAND_AGE:
@@ -237,33 +225,40 @@ class SafetyStop:
             causes[HoldCause.BAD_COMMAND] = 0
         return causes
 
-    def _sensor_causes(self, now: Instant, basic: BasicSensorData) -> dict[HoldCause, int]:
+    def _sensor_causes(self, now: Instant, feedback: DriveFeedback) -> dict[HoldCause, int]:
         causes = {}
-        if basic.wheel_drop:
-            causes[HoldCause.WHEEL_DROP] = basic.wheel_drop
+        if feedback.wheel_drop:
+            causes[HoldCause.WHEEL_DROP] = feedback.wheel_drop
         elif self._was_lifted:
             if self._feedback_at - self._moved_at < _STILLNESS:
                 causes[HoldCause.PUT_DOWN] = 0
             else:
                 self._was_lifted = False
         if self._overcurrent_at is not None and now - self._overcurrent_at <= _OVERCURRENT_REST:
-            causes[HoldCause.OVERCURRENT] = basic.overcurrent
-        if basic.bumper:
-            causes[HoldCause.BUMPER] = basic.bumper
-        if basic.cliff:
-            causes[HoldCause.CLIFF] = basic.cliff
+            causes[HoldCause.OVERCURRENT] = feedback.overcurrent
+        if feedback.bumper:
+            causes[HoldCause.BUMPER] = feedback.bumper
+        if feedback.cliff:
+            causes[HoldCause.CLIFF] = feedback.cliff
+        if feedback.backup_limit:
+            causes[HoldCause.BACKUP_LIMIT] = 0
         return causes
 
-    def _is_still(self, basic: BasicSensorData, inertial: InertialSensorData | None) -> bool:
+    def _is_still(self, feedback: DriveFeedback) -> bool:
         """Return whether the base has not moved since the last feedback."""
-        if self._basic is None:
+        if self._feedback is None:
             return False
-        turning = inertial is not None and abs(inertial.rate_cdeg) > _STILL_RATE_CDEG
-        return max(map(abs, ticks_between(self._basic, basic))) <= _STILL_TICKS and not turning
+        rate, moved = feedback.turn_rate, feedback.since(self._feedback)
+        turning = rate is not None and abs(rate) > _STILL_RATE
+        return max(abs(moved.left), abs(moved.right)) <= self._limits.still and not turning
 
-
-def _backward_only(v: float, omega: float) -> tuple[float, float]:
-    """Return the nearest velocity at which no wheel turns forward; zero for forward motion."""
-    v = min(v, 0.0)
-    bound = -v / _MIN_BACKWARD_RADIUS
-    return v, max(-bound, min(bound, omega))
+    def _restrict(self, stops: tuple[StopCause, ...], v: float, omega: float) -> tuple[float, float]:
+        """Return the nearest velocity in the directions that all causes permit."""
+        for cause, *_ in stops:
+            if cause in _FORWARD_ONLY:
+                v = max(v, 0.0)
+        if any(cause in _BACKWARD_ONLY for cause, *_ in stops):  # no wheel turns forward
+            v = min(v, 0.0)
+            bound = -v / (self._limits.track / 2 + _RADIUS_MARGIN)
+            omega = max(-bound, min(bound, omega))
+        return v, omega
