@@ -1,35 +1,20 @@
 """A session of a ROS 2 node: connection, bounded queues, graph and attachments."""
 
-import socket
 import time
 from collections.abc import Callable, Iterator
 
 import pytest
-import zenoh
 
 from actors.instant import Instant
-from actors.runtime.isolation.rules import session_config, set_value
 from firmware_bridge.ros2 import message_types
 from firmware_bridge.ros2.names import Attachment, EndpointKind, QosProfile
 from firmware_bridge.ros2.session import ReceivedSample, Ros2Session, Subscription
 from firmware_bridge.ros2.settings import RouterLink
+from tests.helpers import free_port
+from tests.ros2.routers import start_router
 
 TWIST = "geometry_msgs/msg/Twist"
 _TIMEOUT_S = 10.0
-
-
-def free_port() -> int:
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        port: int = probe.getsockname()[1]
-        return port
-
-
-def start_router(port: int) -> zenoh.Session:
-    config = session_config("router")
-    set_value(config, "transport/unicast/lowlatency", False)
-    set_value(config, "listen/endpoints", [f"tcp/127.0.0.1:{port}"])
-    return zenoh.open(config)
 
 
 def wait_for(condition: Callable[[], object]) -> None:

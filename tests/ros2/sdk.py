@@ -1,0 +1,65 @@
+"""zenoh-ros2-sdk with the definitions of the tests instead of downloads."""
+
+import os
+from pathlib import Path
+from typing import Any
+
+from zenoh_ros2_sdk import _cache, message_registry, session
+from zenoh_ros2_sdk.utils import get_type_hash, load_dependencies_recursive
+
+from tests.ros2.definitions import FIELDS, definition, write_definitions
+
+_FAST_RETRY = "connect/retry={period_init_ms: 100, period_max_ms: 200, period_increase_factor: 1}"
+"""Instead of up to 4 s between attempts to connect, as in rmw_zenoh."""
+
+
+def _refuse_download(*words: object, **named: object) -> None:
+    raise AssertionError(f"the SDK was about to download {words} {named}")
+
+
+def use_own_definitions(folder: Path) -> None:
+    """Let the SDK read message definitions from `folder`, which is filled, and refuse to download others."""
+    write_definitions(folder)
+    message_registry._registry = message_registry.MessageRegistry(str(folder))
+    for module in (_cache, message_registry):
+        module.clone_to_cache = _refuse_download
+        module.get_message_file_path = _refuse_download
+
+
+class DefinitionsRegistry(message_registry.MessageRegistry):  # type: ignore[misc]
+    """The SDK's registry without a session, for type hashes."""
+
+    def __init__(self, folder: Path) -> None:
+        write_definitions(folder)
+        self.messages_dir = folder
+
+
+def sdk_type_hash(kind: str, folder: Path) -> str:
+    """Return the type hash as the SDK computes it, by its own code; `folder`: for definitions."""
+    text = definition(kind)
+    dependencies = load_dependencies_recursive(kind, text, DefinitionsRegistry(folder))
+    found: str = get_type_hash(kind, msg_definition=text, dependencies=dependencies)
+    return found
+
+
+def message(store: Any, kind: str, fields: dict[str, Any]) -> Any:
+    """Return a message of the SDK's store from nested dictionaries and lists."""
+    package = kind.split("/", maxsplit=1)[0]
+    values = {}
+    for line in FIELDS[kind]:
+        declared, name = line.split()[:2]
+        value = fields[name]
+        base, _, array = declared.partition("[")
+        if "/" in base or base[0].isupper():
+            owner, _, short = base.rpartition("/")
+            nested = f"{owner or package}/msg/{short}"
+            parts = [message(store, nested, one) for one in (value if array else [value])]
+            value = parts if array else parts[0]
+        values[name] = value
+    return store.types[kind](**values)
+
+
+def sdk_session(port: int) -> Any:
+    """Return the SDK's only session of this process, connected to a router on 127.0.0.1."""
+    os.environ["ZENOH_CONFIG_OVERRIDE"] = _FAST_RETRY
+    return session.ZenohSession.get_instance("127.0.0.1", port)
