@@ -4,10 +4,11 @@ import os
 from pathlib import Path
 from typing import Any
 
+from rosbags.typesys import Stores, get_typestore
 from zenoh_ros2_sdk import _cache, message_registry, session
 from zenoh_ros2_sdk.utils import get_type_hash, load_dependencies_recursive
 
-from tests.ros2.definitions import FIELDS, definition, write_definitions
+from tests.ros2.definitions import FIELDS, definition, parts, write_definitions
 
 _FAST_RETRY = "connect/retry={period_init_ms: 100, period_max_ms: 200, period_increase_factor: 1}"
 """Instead of up to 4 s between attempts to connect, as in rmw_zenoh."""
@@ -44,19 +45,24 @@ def sdk_type_hash(kind: str, folder: Path) -> str:
 
 def message(store: Any, kind: str, fields: dict[str, Any]) -> Any:
     """Return a message of the SDK's store from nested dictionaries and lists."""
-    package = kind.split("/", maxsplit=1)[0]
     values = {}
     for line in FIELDS[kind]:
-        declared, name = line.split()[:2]
+        name, base, length = parts(kind, line)
         value = fields[name]
-        base, _, array = declared.partition("[")
-        if "/" in base or base[0].isupper():
-            owner, _, short = base.rpartition("/")
-            nested = f"{owner or package}/msg/{short}"
-            parts = [message(store, nested, one) for one in (value if array else [value])]
-            value = parts if array else parts[0]
+        if "/" in base:
+            nested = [message(store, base, one) for one in (value if length is not None else [value])]
+            value = nested[0] if length is None else nested
         values[name] = value
     return store.types[kind](**values)
+
+
+def sdk_store() -> Any:
+    """Return a store of all types as the SDK's session registers them, without a session."""
+    bare = object.__new__(session.ZenohSession)
+    bare.store, bare._registered_types = get_typestore(Stores.EMPTY), {}
+    for kind in FIELDS:
+        bare.register_message_type(definition(kind), kind)
+    return bare.store
 
 
 def sdk_session(port: int) -> Any:
