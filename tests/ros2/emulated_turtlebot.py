@@ -15,7 +15,7 @@ import time
 from collections import deque
 from contextlib import suppress
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, Literal
 
 import msgspec
 import zenoh
@@ -28,6 +28,7 @@ from actors.runtime.linux import die_with_parent
 from actors.world.physics import SUBSTEP
 from actors.world.world_setup import WorldSetup
 from tests.ros2 import definitions
+from tests.ros2.dds_bridge import BridgedPublisher, BridgedSubscriber
 from tests.ros2.routers import start_router
 from tests.ros2.sdk import message, sdk_session, use_own_definitions
 from tests.ros2.turtlebots import (
@@ -79,6 +80,8 @@ class EmulatedRobotOptions(msgspec.Struct, frozen=True, forbid_unknown_fields=Tr
     """With a leading slash, or empty; None: the robot's name."""
     stamped: bool = True
     """True: `cmd_vel` has TwistStamped, as from Jazzy on; False: Twist."""
+    bridge: Literal["rmw_zenoh", "ros2dds"] = "rmw_zenoh"
+    """`ros2dds`: the robot's nodes use DDS, and zenoh-bridge-ros2dds connects them."""
 
 
 class EmulationSetup(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -104,6 +107,7 @@ class SdkNode:
     ) -> None:
         self.robot = robot
         namespace = f"/{robot.name}" if options.namespace is None else options.namespace
+        self._is_bridged, self._port = options.bridge == "ros2dds", setup.port
         self._common: dict[str, Any] = {
             "namespace": namespace or "/",
             "domain_id": setup.domain,
@@ -112,13 +116,7 @@ class SdkNode:
         self._command_topic = f"{namespace}/cmd_vel"
         self._kind = definitions.TWIST_STAMPED if options.stamped else definitions.TWIST
         self._publishers = {
-            topic: ROS2Publisher(
-                f"{namespace}/{topic}",
-                profile.kind,
-                node_name=profile.node,
-                qos=profile.qos,
-                **self._common,
-            )
+            topic: self._publisher(f"{namespace}/{topic}", profile.kind, profile.node, profile.qos)
             for topic, profile in robot.kind.topics.items()
         }
 
@@ -126,11 +124,20 @@ class SdkNode:
             twist = command.twist if options.stamped else command
             commands.append((robot.name, twist.linear.x, twist.angular.z))
 
-        self._subscriber = ROS2Subscriber(
-            self._command_topic, self._kind, take, node_name=robot.kind.command_node, **self._common
+        self._subscriber = (
+            BridgedSubscriber(self._command_topic, self._kind, take, setup.port)
+            if self._is_bridged
+            else ROS2Subscriber(
+                self._command_topic, self._kind, take, node_name=robot.kind.command_node, **self._common
+            )
         )
         self._rival: Any = None
         self._rival_speed = 0.0
+
+    def _publisher(self, topic: str, kind: str, node: str, qos: str | None = None) -> Any:
+        if self._is_bridged:
+            return BridgedPublisher(topic, kind, self._port, reliable=not (qos or "").startswith("2"))
+        return ROS2Publisher(topic, kind, node_name=node, qos=qos, **self._common)
 
     def publish(self, publication: Publication) -> None:
         """Publish a message by the SDK."""
@@ -144,7 +151,7 @@ class SdkNode:
             self._rival.close()
             self._rival = None
         if node != "off":
-            self._rival = ROS2Publisher(self._command_topic, self._kind, node_name=node, **self._common)
+            self._rival = self._publisher(self._command_topic, self._kind, node)
         self._rival_speed = speed
 
     def run_rival(self, stamp_ns: int) -> None:

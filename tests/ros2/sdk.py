@@ -6,7 +6,7 @@ from typing import Any
 
 from rosbags.typesys import Stores, get_typestore
 from zenoh_ros2_sdk import _cache, message_registry, session
-from zenoh_ros2_sdk.utils import get_type_hash, load_dependencies_recursive
+from zenoh_ros2_sdk.utils import get_type_hash
 
 from tests.ros2.definitions import FIELDS, definition, parts, write_definitions
 
@@ -27,19 +27,10 @@ def use_own_definitions(folder: Path) -> None:
         module.get_message_file_path = _refuse_download
 
 
-class DefinitionsRegistry(message_registry.MessageRegistry):  # type: ignore[misc]
-    """The SDK's registry without a session, for type hashes."""
-
-    def __init__(self, folder: Path) -> None:
-        write_definitions(folder)
-        self.messages_dir = folder
-
-
-def sdk_type_hash(kind: str, folder: Path) -> str:
-    """Return the type hash as the SDK computes it, by its own code; `folder`: for definitions."""
-    text = definition(kind)
-    dependencies = load_dependencies_recursive(kind, text, DefinitionsRegistry(folder))
-    found: str = get_type_hash(kind, msg_definition=text, dependencies=dependencies)
+def sdk_type_hash(kind: str) -> str:
+    """Return the type hash as the SDK computes it, by its own code."""
+    dependencies = {one: definition(one) for one in FIELDS if one != kind}
+    found: str = get_type_hash(kind, msg_definition=definition(kind), dependencies=dependencies)
     return found
 
 

@@ -198,8 +198,9 @@ def test_a_base_that_refuses_says_so_only_where_it_does_on_the_robot() -> None:
 
 
 def test_a_robot_is_driven_over_the_sdk_across_a_restart_of_its_router(tmp_path: Path) -> None:
-    """Shows a rival publisher of `cmd_vel` as well."""
-    with TurtlebotProcess(tmp_path, robots_world(["turtlebot4"]), domain=3) as robots:
+    """Shows a rival publisher of `cmd_vel` as well, and a second robot behind zenoh-bridge-ros2dds."""
+    world, bridged = robots_world(["turtlebot4", "turtlebot4"]), {"bridge": "ros2dds", "stamped": False}
+    with TurtlebotProcess(tmp_path, world, domain=3, r2=bridged) as robots:
         link = RouterLink(router=robots.router, domain=3, namespace="/r1")
         with Ros2Session(link, "base", lambda: Instant(time.monotonic_ns() // 1000)) as session:
             kind = definitions.TWIST_STAMPED
@@ -207,12 +208,9 @@ def test_a_robot_is_driven_over_the_sdk_across_a_restart_of_its_router(tmp_path:
             scans = session.subscribe("/r1/scan", definitions.SCAN)
 
             def drive() -> bool:
-                vector = message_types.new("geometry_msgs/Vector3", x=0.1, y=0.0, z=0.0)
-                none = message_types.new("geometry_msgs/Vector3", x=0.0, y=0.0, z=0.0)
                 now = message_types.new("builtin_interfaces/Time", sec=0, nanosec=0)
                 header = message_types.new("std_msgs/Header", stamp=now, frame_id="")
-                twist = message_types.new("geometry_msgs/Twist", linear=vector, angular=none)
-                stamped = message_types.new("geometry_msgs/TwistStamped", header=header, twist=twist)
+                stamped = message_types.new("geometry_msgs/TwistStamped", header=header, twist=twist(0.1))
                 publisher.put(message_types.encode(stamped, kind), time.time_ns())
                 return robots.where("r1").speed > 0.05
 
@@ -228,7 +226,34 @@ def test_a_robot_is_driven_over_the_sdk_across_a_restart_of_its_router(tmp_path:
             wait_for(drive)
             scans.take()
             wait_for(scans.take)
+        _drive_a_bridged_robot(robots)
         assert robots.errors == ""
+
+
+def _drive_a_bridged_robot(robots: TurtlebotProcess) -> None:
+    link = RouterLink(router=robots.router, namespace="/r2", bridge="ros2dds")
+    with Ros2Session(link, "base", lambda: Instant(time.monotonic_ns() // 1000)) as session:
+        publisher = session.publisher("/r2/cmd_vel", definitions.TWIST)
+        odometry = session.subscribe("/r2/odom", definitions.ODOMETRY)
+
+        def drive() -> bool:
+            publisher.put(message_types.encode(twist(0.1), definitions.TWIST), time.time_ns())
+            return robots.where("r2").speed > 0.05
+
+        wait_for(drive)
+        wait_for(odometry.take)
+        found = {(one.kind, one.topic, one.type) for one in session.endpoints()}
+        assert (EndpointKind.SUBSCRIPTION, "/r2/cmd_vel", definitions.TWIST) in found
+        assert (EndpointKind.PUBLISHER, "/r2/hazard_detection", definitions.HAZARDS) in found
+
+
+def twist(v: float) -> Any:
+    forward = message_types.new("geometry_msgs/Vector3", x=v, y=0.0, z=0.0)
+    return message_types.new(
+        "geometry_msgs/Twist",
+        linear=forward,
+        angular=message_types.new("geometry_msgs/Vector3", x=0.0, y=0.0, z=0.0),
+    )
 
 
 def _publishers(session: Ros2Session) -> set[str]:
