@@ -43,7 +43,7 @@ class ReceivedSample(NamedTuple):
     arrived: Instant
     payload: bytes
     type_hash: str
-    """Of the key; empty: not told."""
+    """Type hash of the key; empty: not told."""
     attachment: Attachment | None
 
 
