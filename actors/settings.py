@@ -339,7 +339,7 @@ def _convert(kind: Any, value: Any, key: str) -> Any:
 def _convert_union(kinds: Sequence[Any], value: Any, key: str) -> Any:
     wrong = _WrongError()
     for kind in kinds:
-        if kind is not NoneType:
+        if kind is not NoneType and not (_is_table(kind) and not isinstance(value, Mapping)):
             try:
                 return _value(kind, value, key)
             except _WrongError as error:

@@ -45,9 +45,14 @@ from deploy.fleet.units import GROUP
 from deploy.scenario.resolve import robot_setup
 from firmware_bridge.onboard.device_loop import OPENNI
 from firmware_bridge.range_sensors.depth import DepthScanner, find_library
+from firmware_bridge.ros2.settings import Ros2Base
 from firmware_bridge.serial_port import BOARD, KOBUKI, RPLIDAR, PortDevice, SerialPort
 
-_INSTALL_COMMANDS: Final = {"base": "acrc", "hardware": "acrc fleet units"}
+_INSTALL_COMMANDS: Final = {
+    "base": "acrc",
+    "hardware": "acrc fleet units",
+    "logs": "acrc fleet doctor FLEET.toml",
+}
 """Command with which ./acrc installs each extra."""
 _FREE_GB: Final = 2.0
 """Required free disk space, GB; our choice: a robot with a lidar records up to 100 MB per hour."""
@@ -221,12 +226,22 @@ COMPUTER_CHECKS: Final = {
 
 def check_devices(robot: FleetRobot) -> Iterator[DoctorFinding]:
     """Check that each device is at its port in the fleet file, and that a depth camera can be used."""
-    yield run_check("base", _check_port, robot.base, KOBUKI)
+    if isinstance(robot.base, Ros2Base):
+        yield from _ros2_findings(robot, robot.base)
+    else:
+        yield run_check("base", _check_port, robot.base, KOBUKI)
     yield run_check("radio", _check_port, robot.radio, BOARD)
     if robot.range == OPENNI:
         yield run_check("range", _check_camera, robot)
     elif robot.range is not None:
         yield run_check("range", _check_port, robot.range, RPLIDAR)
+
+
+def _ros2_findings(robot: FleetRobot, base: Ros2Base) -> Iterator[DoctorFinding]:
+    """Check what the robot's router shows; not without the packages of the extra `logs`."""
+    with contextlib.suppress(ModuleNotFoundError):  # reported as missing packages
+        ros2 = importlib.import_module("deploy.fleet.ros2_check")
+        yield from ros2.findings(base, load_model(robot.model, robot.sensor), ros2.observe(base))
 
 
 def _check_camera(robot: FleetRobot) -> str:
@@ -380,7 +395,7 @@ def run_checks(
 ) -> Iterator[DoctorFinding]:
     """Run all checks, fast ones first."""
     constraints = (SHIPPED / "constraints.txt").read_text("utf-8")
-    yield from check_packages(constraints, ("base",) if robot is None else ("base", "hardware"))
+    yield from check_packages(constraints, ("base",) if robot is None else robot.extras)
     for subject, check in COMPUTER_CHECKS.items():
         if robot is not None or check is not _check_group:
             yield run_check(subject, check)

@@ -6,7 +6,7 @@ Every robot has a copy of the file and of the map.
 import ipaddress
 import os
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any, Final
 
@@ -30,6 +30,7 @@ from deploy.scenario.resolve import Swarm
 from deploy.scenario.tables import ConductTable, RobotId, Seed, StepMs, SwarmFile, decode_swarm_file
 from firmware_bridge.beeclick.answer_decoder import power_setting
 from firmware_bridge.onboard.device_loop import OPENNI
+from firmware_bridge.ros2.settings import RobotTopics, Ros2Base
 
 UNLIMITED_US: Final = 2**62
 """Duration of a robot's run, µs: unlimited."""
@@ -72,9 +73,13 @@ class FleetRobot(RobotDescription, frozen=True, kw_only=True):
     sensor: SensorName | None = None
     """The model's sensor that is mounted; None: the model's default."""
     base: Annotated[
-        str, Meta(pattern=rf"\A{_ABSOLUTE_PATH}\Z", description='the path of a port, such as "/dev/kobuki"')
+        Annotated[str, Meta(pattern=rf"\A{_ABSOLUTE_PATH}\Z")] | Ros2Base,
+        Meta(
+            description='the path of a port, such as "/dev/kobuki", or a table [robot.base] '
+            'with kind = "ros2"'
+        ),
     ]
-    """Port of the Kobuki."""
+    """Port of the Kobuki, or the ROS 2 topics of another base and its lidar."""
     radio: Annotated[
         str, Meta(pattern=rf"\A{_ABSOLUTE_PATH}\Z", description='the path of a port, such as "/dev/beeclick"')
     ]
@@ -89,7 +94,7 @@ class FleetRobot(RobotDescription, frozen=True, kw_only=True):
         ]
         | None
     ) = None
-    """Port of the RPLIDAR, or "openni"; None: no range sensor."""
+    """Port of the RPLIDAR, or "openni"; None: no range sensor, or that of a ROS 2 base."""
     listen: Annotated[str, Meta(description='"tls/HOST:PORT", such as "tls/0.0.0.0:7447"')] | None = None
     """Endpoint for the operator's laptop; None: no connections."""
 
@@ -97,6 +102,13 @@ class FleetRobot(RobotDescription, frozen=True, kw_only=True):
         super().__post_init__()
         if self.listen is not None and not _is_endpoint(self.listen):
             raise self.wrong("listen")
+        if isinstance(self.base, Ros2Base) and self.range is not None:
+            raise self.wrong("range", "absent where base is ROS 2 topics, which include the scans")
+
+    @property
+    def extras(self) -> tuple[str, ...]:
+        """Extras of the packages that its computer needs."""
+        return ("base", "hardware", "logs") if isinstance(self.base, Ros2Base) else ("base", "hardware")
 
     @property
     def listen_host(self) -> str | None:
@@ -226,9 +238,28 @@ def _fault(file: _FleetFile) -> str | None:
                 )
         used_ports: dict[str, str] = {}
         for name, port in (("base", robot.base), ("radio", robot.radio), ("range", robot.range)):
-            if port is not None and (other := used_ports.setdefault(port, name)) != name:
+            if isinstance(port, str) and (other := used_ports.setdefault(port, name)) != name:
                 return f'{key}.{name}: "{port}" is the port of {other}, too; each device has its own port'
-    return area_repetition_fault(file)
+    return _topic_fault(file.robot) or area_repetition_fault(file)
+
+
+def _topic_fault(robots: Sequence[FleetRobot]) -> str | None:
+    """Return the first topic that is used twice, in words; None if there is none."""
+    used: dict[tuple[object, ...], str] = {}
+    for index, robot in enumerate(robots):
+        if not isinstance(base := robot.base, Ros2Base):
+            continue
+        # Each robot's own computer has this address.
+        router = f"{base.router} of {robot.id}" if base.is_local else base.router
+        for name in RobotTopics.__struct_fields__:
+            topic, purpose = base.topic(name), f"{name} of {robot.id}"
+            other = used.setdefault((router, base.domain, topic), purpose)
+            if other != purpose:
+                return (
+                    f"robot[{index}].base.topics.{name} is {topic} at {base.router}, which is {other}, too; "
+                    "correct router, domain, namespace or topics"
+                )
+    return None
 
 
 def _task_fault(file: _FleetFile, content: Mapping[str, Any]) -> str | None:

@@ -35,6 +35,7 @@ from deploy.run.plan import (
 from firmware_bridge.beeclick.answer_decoder import BoardSettings
 from firmware_bridge.onboard import last_pose
 from firmware_bridge.onboard.device_loop import PATIENCE_S, BaseSetup, BridgeSetup
+from firmware_bridge.ros2.settings import Ros2Base
 
 BASE: Final = "base"
 BRIDGE: Final = "radio"
@@ -44,7 +45,7 @@ _LAST_POSE: Final = "last.pose"
 class Ports(NamedTuple):
     """Ports of a robot's devices, and settings of its board."""
 
-    base: str
+    base: str | Ros2Base
     radio: str
     range: str | None
     settings: BoardSettings

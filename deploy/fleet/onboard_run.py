@@ -311,9 +311,11 @@ def run(prepared: OnboardRobot, say: Say) -> None:
                     f"{prepared.robot.id} waits until its scans confirm its last pose; to set the pose, use "
                     "`--at start` or `--at X,Y,HEADING`"
                 )
-            fallback = FallbackStop(prepared.ports.base, say)
+            base = prepared.ports.base
+            fallback = FallbackStop(base, say) if isinstance(base, str) else None
             while supervisor.restart_exited(POLL_INTERVAL_S):
-                fallback.update(supervisor.base_pid)
+                if fallback is not None:
+                    fallback.update(supervisor.base_pid)
                 operator.check_if_due()
             say(f"{prepared.robot.id} stopped by the operator")
         finally:

@@ -15,6 +15,7 @@ from actors.installation.usage import OptionError, wrong_value
 from actors.runtime.errors import AcrcError
 from deploy.fleet.fleet_file import Fleet, FleetRobot
 from firmware_bridge.onboard.device_loop import OPENNI
+from firmware_bridge.ros2.settings import Ros2Base
 from firmware_bridge.serial_port import BOARD, KOBUKI, RPLIDAR, PortDevice
 
 _TERMINALS = Path("/sys/class/tty")
@@ -78,9 +79,6 @@ _HEAD: Final = """\
 
 ACTION=="remove", GOTO="acrc_end"
 SUBSYSTEM!="tty", GOTO="acrc_end"
-
-# Kobuki: FTDI chip, identified by its serial number.
-{kobuki}
 """
 
 
@@ -90,8 +88,10 @@ def udev_rules(robot: FleetRobot, plugged: Sequence[UsbPort]) -> str:
     `plugged`: ports of this computer. Board and lidar have common chips, so the name is assigned to the one
     device with the chip that is plugged in; with none or several, it is not assigned (see `unassigned`).
     """
-    kobuki = _rule(f'{_chip_condition(KOBUKI)}, ATTRS{{serial}}=="kobuki*"', robot.base, _LOW_LATENCY)
-    parts = [_HEAD.format(robot=robot.id, kobuki=kobuki)]
+    parts = [_HEAD.format(robot=robot.id)]
+    if isinstance(robot.base, str):
+        kobuki = _rule(f'{_chip_condition(KOBUKI)}, ATTRS{{serial}}=="kobuki*"', robot.base, _LOW_LATENCY)
+        parts += ["# Kobuki: FTDI chip, identified by its serial number.", kobuki, ""]
     for device, port, chosen, text in _assignments(robot, plugged):
         attributes = _LOW_LATENCY if device is BOARD else ""
         parts.append(f"# {device.name}: {text}.")
@@ -233,17 +233,20 @@ def service_text(
 ) -> str:
     """Return the text of the service file."""
     root = program.parent
-    ports = [port for port in (robot.base, robot.radio, robot.range) if port and port.startswith("/dev/")]
+    named = (robot.base, robot.radio, robot.range)
+    ports = [port for port in named if isinstance(port, str) and port.startswith("/dev/")]
     devices = " ".join(map(_device_unit, ports))
     after, wants = "time-set.target", ""
-    if robot.listen is not None and not robot.listens_everywhere:
-        # Listening at a specific address needs a configured network.
+    listens = robot.listen is not None and not robot.listens_everywhere
+    if listens or isinstance(robot.base, Ros2Base):
+        # Listening at a specific address, and a robot's router, need a configured network.
         after, wants = f"{after} network-online.target", "network-online.target"
     own = (word for folder in modules for word in ("--modules", str(folder)))
     start = (str(program), "fleet", "onboard", str(fleet.path), "--robot", robot.id, *own)
     guardian = root / "firmware_bridge" / "kobuki" / "guardian.py"
     # "-": systemd ignores the exit code.
-    stop = (f"-{root / '.venv' / 'bin' / 'python'}", "-I", "-S", str(guardian), "alone", robot.base)
+    stop = [f"-{root / '.venv' / 'bin' / 'python'}", "-I", "-S", str(guardian), "alone"]
+    stop = [*stop, robot.base] if isinstance(robot.base, str) else []
     return Template(_TEMPLATE.read_text()).substitute(
         robot=robot.id,
         fleet=fleet.path.stem.replace("%", "%%"),

@@ -16,6 +16,20 @@ _DEFINITIONS: Final = {
     DOCK: "std_msgs/Header header\nbool dock_visible\nbool is_docked",
 }
 """Fields of iRobot's types, which rosbags does not contain; iRobotEducation/irobot_create_msgs."""
+TOPIC_TYPES: Final = {
+    "scan": "sensor_msgs/msg/LaserScan",
+    "odom": "nav_msgs/msg/Odometry",
+    "imu": "sensor_msgs/msg/Imu",
+    "battery": "sensor_msgs/msg/BatteryState",
+    "hazards": HAZARDS,
+    "dock": DOCK,
+}
+"""Type of each topic that a base publishes, by field of `RobotTopics`."""
+COMMAND_TYPES: Final = {
+    "Twist": "geometry_msgs/msg/Twist",
+    "TwistStamped": "geometry_msgs/msg/TwistStamped",
+}
+"""Types of velocity commands, by value of `Ros2Base.command`."""
 STORE: Final = get_typestore(Stores.ROS2_HUMBLE)
 for _kind, _text in _DEFINITIONS.items():
     STORE.register(get_types_from_msg(_text, _kind))

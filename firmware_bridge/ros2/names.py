@@ -245,6 +245,10 @@ class Ros2DdsMapping(KeyMapping):
         )
 
 
+ALL_GRAPHS: Final = ("@ros2_lv/**", Ros2DdsMapping.graph)
+"""Key expressions of the tokens of every domain and mapping."""
+
+
 def key_mapping(bridge: Bridge, domain: int) -> KeyMapping:
     """Return the mapping of a kind of bridge."""
     return RmwZenohMapping(domain) if bridge == "rmw_zenoh" else Ros2DdsMapping()

@@ -18,6 +18,7 @@ from actors.instant import Instant
 from actors.runtime.isolation.rules import set_value
 from firmware_bridge.ros2.message_types import type_hash
 from firmware_bridge.ros2.names import (
+    ALL_GRAPHS,
     SENSOR_QOS,
     Attachment,
     Endpoint,
@@ -157,6 +158,15 @@ class Ros2Session:
         """Return all known publishers and subscriptions, including those of this session."""
         with self._lock:
             return tuple(self._endpoints.values())
+
+    def tokens(self, timeout_s: float) -> list[str]:
+        """Return the tokens of all domains and of both mappings, after `timeout_s` at the latest."""
+        session, found = self._session, list[str]()
+        if session is not None:
+            for graph in ALL_GRAPHS:
+                replies = session.liveliness().get(graph, timeout=timeout_s)
+                found += [str(reply.ok.key_expr) for reply in replies if reply.ok is not None]
+        return found[:_MAX_ENDPOINTS]
 
     def publisher_names(self, topic: str) -> dict[bytes, str]:
         """Return the nodes that publish a topic, by the identifier of `token_gid`."""

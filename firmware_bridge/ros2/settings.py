@@ -1,5 +1,6 @@
 """Settings of a ROS 2 robot's base, and of a connection to a Zenoh router; without heavy imports."""
 
+import re
 from typing import Annotated, Literal
 
 from msgspec import Meta
@@ -22,7 +23,8 @@ class RouterLink(Settings, frozen=True, kw_only=True):
     router: Annotated[
         str,
         Meta(
-            pattern=r"\Atcp/(\[[0-9A-Fa-f:.]+\]|[A-Za-z0-9][A-Za-z0-9.-]*):[0-9]{1,5}\Z",
+            pattern=r"\Atcp/(\[[0-9A-Fa-f:.]+\]|[A-Za-z0-9][A-Za-z0-9.-]*):0*"
+            r"([1-9][0-9]{0,3}|[1-5][0-9]{4}|6[0-4][0-9]{3}|65[0-4][0-9]{2}|655[0-2][0-9]|6553[0-5])\Z",
             description='an endpoint such as "tcp/192.168.1.21:7447"',
         ),
     ] = "tcp/127.0.0.1:7447"
@@ -39,6 +41,11 @@ class RouterLink(Settings, frozen=True, kw_only=True):
     """Namespace of the robot's topics."""
     bridge: Bridge = "rmw_zenoh"
     """`rmw_zenoh`: the robot's nodes use rmw_zenoh_cpp; `ros2dds`: DDS and zenoh-bridge-ros2dds."""
+
+    @property
+    def is_local(self) -> bool:
+        """True if the router is on the same computer."""
+        return re.match(r"tcp/(localhost|127\.|\[::1\])", self.router) is not None
 
 
 class RobotTopics(Settings, frozen=True, kw_only=True):
@@ -63,6 +70,11 @@ class Ros2Base(RouterLink, frozen=True, kw_only=True):
     topics: RobotTopics = RobotTopics()
     command: Literal["Twist", "TwistStamped"] | None = None
     """Type of velocity commands; None: as declared by the robot's subscription to them."""
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.bridge == "ros2dds":
+            self.check_unused(("domain",), 'bridge = "ros2dds"')
 
     def topic(self, name: str) -> str:
         """Return the fully qualified name of a field of `topics`."""

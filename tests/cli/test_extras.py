@@ -18,6 +18,7 @@ MODULES = {
     "cryptography": "hardware", "serial": "hardware", "pymunk": "sim",
     "rerun": "observe", "websockets": "control", "pyarrow": "observe experiments", "distributed": "cluster",
     "matplotlib": "pictures", "jinja2": "pictures cluster docs", "scipy": "experiments",
+    "rosbags": "logs",
     "mpmath": "dev", "hypothesis": "dev", "pytest": "dev", "mypy": "dev", "psutil": "observe cluster dev",
     "sphinx": "docs", "docutils": "docs", "furo": "docs", "myst_parser": "docs",
 }  # fmt: skip

@@ -158,9 +158,10 @@ def test_a_camera_must_be_usable_and_cover_the_models_field_of_view(
     assert list(doctor.check_devices(narrow))[-1] == failed("range", "install it")
 
 
-def test_map_start_places_and_behaviour_of_every_shipped_robot_pass() -> None:
-    for one in OFFICE_FLEET.robots:
-        found = [*doctor.check_floor(OFFICE_FLEET, one), behaviour(OFFICE_FLEET, one)]
+@pytest.mark.parametrize("shipped", [OFFICE_FLEET, load_fleet(ROOT / "fleets" / "turtlebot4.toml")])
+def test_map_start_places_and_behaviour_of_every_shipped_robot_pass(shipped: Fleet) -> None:
+    for one in shipped.robots:
+        found = [*doctor.check_floor(shipped, one), behaviour(shipped, one)]
         subjects = ("map", "start", "places", "behaviour")
         assert [(finding.subject, finding.ok) for finding in found] == [(name, True) for name in subjects]
 

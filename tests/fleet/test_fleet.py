@@ -24,6 +24,7 @@ from deploy.fleet.fleet_file import load_fleet, task_folders
 from deploy.fleet.keys import FleetKeys, create_keys, parse_hosts, replace_keys
 from deploy.hosts import certificates
 from deploy.scenario.resolve import robot_setup
+from firmware_bridge.ros2.settings import Ros2Base
 from tests.cli.test_cli import acrc
 from tests.fleet.fleet_texts import HEAD, OFFICE, ROBOT, ROOT, fault, fleet, robot
 
@@ -84,7 +85,11 @@ def test_paths_are_relative_to_the_file_not_to_the_working_directory(
         (robot(1, 'adversary = "mute"'), "unknown key robot[0].adversary; known keys of robot[0]: start,"),
         (robot(1, "start = [1, 2]"), "robot[0].start is [1, 2], but must be a pose [x, y, heading]"),
         (ROBOT.replace("places = [[12.2, 5.9]]", ""), "robot[0].places is missing, but must be a list"),
-        (robot(1, 'base = "kobuki"'), 'robot[0].base is "kobuki", but must be the path of a port, such as'),
+        (
+            robot(1, 'base = "kobuki"'),
+            'robot[0].base is "kobuki", but must be the path of a port, such as "/dev/kobuki", or a table '
+            '[robot.base] with kind = "ros2"',
+        ),
         (robot(1, 'range = "kinect"'), 'robot[0].range is "kinect", but must be the path of a lidar\'s port'),
         (robot(1, 'listen = "tcp/0.0.0.0:7447"'), f'"tcp/0.0.0.0:7447", but must be {LISTEN}'),
         (robot(1, 'listen = "tls/a b:7447"'), f'robot[0].listen is "tls/a b:7447", but must be {LISTEN}'),
@@ -102,6 +107,89 @@ def test_paths_are_relative_to_the_file_not_to_the_working_directory(
 def test_a_fault_is_one_sentence(text: str, sentence: str) -> None:
     assert sentence in fault(text)
     assert fault(robot(1) + robot(2)) == "nothing was wrong", "ports of different robots may be equal"
+
+
+def ros2(number: int, keys: str = "", more: str = "") -> str:
+    """Return a robot's table with a ROS 2 base."""
+    return robot(number, f'base = {{ kind = "ros2"{keys} }}\n{more}')
+
+
+ROUTER = ', router = "tcp/10.0.0.1:7447"'
+
+
+@pytest.mark.parametrize(
+    ("text", "sentence"),
+    [
+        (robot(1, "base = {}"), 'robot[0].base.kind is missing, but must be "ros2"'),
+        (robot(1, 'base = { kind = "ros1" }'), 'robot[0].base.kind is "ros1", but must be "ros2"'),
+        (
+            ros2(1, ', namespce = "/r1"'),
+            "unknown key robot[0].base.namespce; did you mean robot[0].base.namespace?",
+        ),
+        (
+            ros2(1, ', namespace = "r1"'),
+            'robot[0].base.namespace is "r1", but must be empty, or a namespace with a leading slash, such '
+            'as "/r1"',
+        ),
+        (
+            ros2(1, ', router = "tcp/10.0.0.1:65536"'),
+            'robot[0].base.router is "tcp/10.0.0.1:65536", but must be an endpoint such as '
+            '"tcp/192.168.1.21:7447"',
+        ),
+        (
+            ros2(1, ', bridge = "dds"'),
+            'robot[0].base.bridge is "dds", but must be "rmw_zenoh" or "ros2dds"',
+        ),
+        (
+            ros2(1, ', bridge = "ros2dds", domain = 3'),
+            'robot[0].base.domain is 3, but must be absent where bridge = "ros2dds", which does not use it',
+        ),
+        (
+            ros2(1, ', command = "twist"'),
+            'robot[0].base.command is "twist", but must be "Twist" or "TwistStamped"',
+        ),
+        (
+            ros2(1, ', topics = { scan = "a b" }'),
+            'robot[0].base.topics.scan is "a b", but must be the name of a topic, such as "scan" or '
+            '"/r1/scan"',
+        ),
+        (
+            ros2(1, ', topics = { odom = "scan" }'),
+            "robot[0].base.topics.odom is /scan at tcp/127.0.0.1:7447, which is scan of r1, too; correct "
+            "router, domain, namespace or topics",
+        ),
+        (
+            ros2(1, more='range = "/dev/rplidar"'),
+            'robot[0].range is "/dev/rplidar", but must be absent where base is ROS 2 topics, which include '
+            "the scans",
+        ),
+        (
+            ros2(1, ROUTER) + ros2(2, ROUTER),
+            "robot[1].base.topics.scan is /scan at tcp/10.0.0.1:7447, which is scan of r1, too; correct "
+            "router, domain, namespace or topics",
+        ),
+    ],
+)
+def test_a_fault_of_a_ros_2_base_is_one_sentence(text: str, sentence: str) -> None:
+    assert fault(text) == sentence
+
+
+def test_ros_2_robots_differ_in_router_domain_or_namespace() -> None:
+    mixed = fleet(
+        robot(1)
+        + ros2(2)
+        + ros2(3)
+        + ros2(4, ROUTER)
+        + ros2(5, f"{ROUTER}, domain = 5")
+        + ros2(6, f'{ROUTER}, namespace = "/r6", topics = {{ command = "/r6/cmd" }}')
+    )
+    assert [one.extras for one in mixed.robots[:2]] == [
+        ("base", "hardware"),
+        ("base", "hardware", "logs"),
+    ], "routers on each robot's own computer have equal addresses"
+    last = mixed.robots[5].base
+    assert isinstance(last, Ros2Base)
+    assert (last.topic("scan"), last.topic("command")) == ("/r6/scan", "/r6/cmd")
 
 
 BEACONS = """task = { use = "tests.field_trial.beacons:Beacons" }

@@ -148,6 +148,16 @@ def test_service_allows_devices_namespaces_and_compiled_kernels() -> None:
     assert unit('range = "openni"')["Service"]["DeviceAllow"][2:] == ["char-usb_device rw"]
 
 
+def test_a_ros_2_base_has_a_network_in_place_of_a_port() -> None:
+    ros2 = 'base = { kind = "ros2", router = "tcp/10.0.0.1:7447" }'
+    sections = unit(ros2)
+    assert sections["Unit"]["Wants"] == ["dev-beeclick.device network-online.target"]
+    assert sections["Unit"]["After"] == ["time-set.target network-online.target dev-beeclick.device"]
+    made = read_rules(udev_rules(fleet(robot(1, ros2)).robot_named("r1"), ALL))
+    assert effect(made, KOBUKI) == MINE | FAST, "an FTDI chip without a name"
+    assert effect(made, FTDI) == MINE | FAST | {"SYMLINK+=": "beeclick"}
+
+
 def test_special_characters_of_systemd_in_paths_are_escaped() -> None:
     folder = Path('/home/a b/50% "off" $HOME/back\\slash')
     own = unit(path=folder / "fleet.toml", program=folder / "acrc")["Service"]
