@@ -1,4 +1,4 @@
-"""Checks of a ROS 2 base: what its router, graph and topics show within a few seconds, and remedies."""
+"""Checks of a ROS 2 base: router, graph and topics as observed within a few seconds, and remedies."""
 
 import math
 import socket
@@ -58,8 +58,8 @@ class TopicTraffic(NamedTuple):
     """Stamp less time of arrival of the message with the least delay, s."""
 
 
-class RobotSnapshot(NamedTuple):
-    """What was seen behind a router."""
+class GraphState(NamedTuple):
+    """Connection, graph and traffic behind a router."""
 
     fault: str
     """Why there is no connection; empty: there is one."""
@@ -69,7 +69,7 @@ class RobotSnapshot(NamedTuple):
     """By field of `RobotTopics`, with at least one message each."""
 
 
-def observe(base: Ros2Base) -> RobotSnapshot:
+def observe(base: Ros2Base) -> GraphState:
     """Connect to the robot's router and listen for `_LISTENING_S`; sends no command."""
     with Ros2Session(base, _NODE, lambda: Instant(time.time_ns() // 1000)) as session:
         queues = {
@@ -80,11 +80,11 @@ def observe(base: Ros2Base) -> RobotSnapshot:
                 break
             time.sleep(_TIMEOUT_S / _ATTEMPTS)
         else:
-            return RobotSnapshot(_port_fault(base.router) or "no Zenoh router answers")
+            return GraphState(_port_fault(base.router) or "no Zenoh router answers")
         time.sleep(_LISTENING_S)
         tokens = [token for token in session.tokens(_TIMEOUT_S) if f"/{_NODE}" not in token]
     received = {name: queue.take() for name, queue in queues.items()}
-    return RobotSnapshot(
+    return GraphState(
         "", tokens, {name: traffic_of(some, TOPIC_TYPES[name]) for name, some in received.items() if some}
     )
 
@@ -114,7 +114,7 @@ def traffic_of(samples: Sequence[ReceivedSample], kind: str) -> TopicTraffic:
     return TopicTraffic((len(samples) - 1) / span, messages[-1], "", max(offsets))
 
 
-def findings(base: Ros2Base, model: RobotModel, seen: RobotSnapshot) -> Iterator[DoctorFinding]:
+def findings(base: Ros2Base, model: RobotModel, seen: GraphState) -> Iterator[DoctorFinding]:
     """Return the findings about a robot with this base; nothing is said about what a fault hides."""
     remedy = "; start rmw_zenohd or zenoh-bridge-ros2dds on the robot, or correct base.router"
     yield _finding("router", seen.fault and f"{base.router}: {seen.fault}{remedy}", f"{base.router} connects")

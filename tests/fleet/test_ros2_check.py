@@ -13,7 +13,7 @@ from actors.instant import Instant, seconds
 from actors.robot_model import load_model
 from deploy.fleet import doctor, ros2_check
 from deploy.fleet.doctor import DoctorFinding
-from deploy.fleet.ros2_check import RobotSnapshot, TopicTraffic, traffic_of
+from deploy.fleet.ros2_check import GraphState, TopicTraffic, traffic_of
 from firmware_bridge.ros2 import message_types
 from firmware_bridge.ros2.message_types import COMMAND_TYPES, TOPIC_TYPES, type_hash
 from firmware_bridge.ros2.names import (
@@ -27,7 +27,9 @@ from firmware_bridge.ros2.names import (
 from firmware_bridge.ros2.session import ReceivedSample, Ros2Session
 from firmware_bridge.ros2.settings import Ros2Base
 from tests.fleet.fleet_texts import fleet, robot
-from tests.ros2.test_session import free_port, start_router, wait_for
+from tests.helpers import free_port
+from tests.ros2.routers import start_router
+from tests.ros2.test_session import wait_for
 
 MODEL = load_model("turtlebot4", "rplidar")
 R1 = Ros2Base(kind="ros2", router="tcp/10.0.0.1:7447", namespace="/r1")
@@ -71,7 +73,7 @@ class Robot(NamedTuple):
     traffic: dict[str, TopicTraffic]
 
     def findings(self, base: Ros2Base = R1) -> list[DoctorFinding]:
-        return list(ros2_check.findings(base, MODEL, RobotSnapshot("", self.tokens, self.traffic)))
+        return list(ros2_check.findings(base, MODEL, GraphState("", self.tokens, self.traffic)))
 
     def without(self, *words: str) -> "Robot":
         """Return the robot without the tokens that contain one of the words."""
