@@ -44,11 +44,7 @@ class ReceivedSample(NamedTuple):
     arrived: Instant
     payload: bytes
     type_hash: str
-<<<<<<< HEAD
     """Type hash of the key; empty: not told."""
-=======
-    """Type hash in the key; empty: none."""
->>>>>>> 3de39efb (The doctor's observation of a ROS 2 base is a state of the graph, tested in memory)
     attachment: Attachment | None
 
 
