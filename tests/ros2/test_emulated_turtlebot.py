@@ -164,6 +164,31 @@ def test_scan_faults_change_what_they_name() -> None:
     assert recorder.world.now * 1e-6 - stamp(recorder.last("r1", "scan")) >= 0.4
 
 
+def test_the_clock_of_a_base_differs_from_that_of_its_lidar() -> None:
+    recorder = Recorder()
+    recorder.robot("r1").faults.clock, recorder.robot("r1").faults.base_clock = -1.0, 100.0
+    recorder.run(0.5)
+    now = recorder.world.now * 1e-6
+    assert stamp(recorder.last("r1", "scan")) == pytest.approx(now - 1.0, abs=0.3)
+    assert stamp(recorder.last("r1", "odom")) == pytest.approx(now + 99.0, abs=0.1)
+    assert stamp(recorder.last("r2", "odom")) == pytest.approx(now, abs=0.1)
+
+
+def test_the_odometry_of_a_turtlebot_3_has_the_heading_of_its_gyro() -> None:
+    recorder = Recorder()
+    for robot in ("r1", "r2"):
+        recorder.robot(robot).faults.imu = "frozen"
+    recorder.run(2.0, r1=(0.0, 0.5), r2=(0.0, 0.5))
+    turned = {
+        robot: recorder.last(robot, "odom")["pose"]["pose"]["orientation"]["z"] for robot in ("r1", "r2")
+    }
+    assert turned["r1"] > 0.3 and turned["r2"] == 0.0
+    recorder.robot("r2").faults.imu = "stopped"
+    seen = len(recorder.seen["r2", "odom"])
+    recorder.run(0.5)
+    assert len(recorder.seen["r2", "odom"]) == seen
+
+
 def test_the_counts_and_values_of_an_lds_vary_as_its_driver_lets_them() -> None:
     recorder = Recorder()
     recorder.run(3.0)

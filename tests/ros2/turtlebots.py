@@ -119,6 +119,8 @@ class TurtlebotFaults:
     imu_scale: float = 1.0
     clock: float = 0.0
     """Error of the robot's clock, s."""
+    base_clock: float = 0.0
+    """Additional error of the base's clock, which stamps all but scans, s."""
     hazards: set[str] = field(default_factory=set)
     is_docked: bool = False
     has_estop: bool = False
@@ -245,9 +247,15 @@ class EmulatedTurtlebot:
         self._estimate = Pose(
             self._estimate.x + (c * dx - s * dy) * scale,
             self._estimate.y + (s * dx + c * dy) * scale,
-            wrap(self._estimate.heading + new.heading - old.heading),
+            wrap(self._estimate.heading + (new.heading - old.heading) * self._gyro_scale()),
         )
         self._raw = new
+
+    def _gyro_scale(self) -> float:
+        """Return the factor of the heading in `odom`, which a TurtleBot 3 takes from `imu`."""
+        if self.kind.is_create3:
+            return 1.0
+        return 0.0 if self.faults.imu in {"frozen", "repeated"} else self.faults.imu_scale
 
     # --- publications ---
 
@@ -262,7 +270,8 @@ class EmulatedTurtlebot:
             self._due[topic] = Instant(self._due[topic] + profile.period)
             if topic != "scan" and not self.faults.is_node_running:
                 continue
-            fields = self._fields(topic, stamp)
+            own = 0 if topic == "scan" else round(self.faults.base_clock * 1e9)
+            fields = self._fields(topic, stamp + own)
             if fields is None:
                 continue
             if topic == "scan" and self.faults.scan_delay:
@@ -275,7 +284,8 @@ class EmulatedTurtlebot:
         state = getattr(self.faults, topic, "works")
         if topic == "hazard_detection":
             return self._hazard_message(stamp)
-        if state == "stopped":
+        is_waiting = topic == "odom" and not self.kind.is_create3 and self.faults.imu == "stopped"
+        if state == "stopped" or is_waiting:
             return None
         last = self._last.get(topic)
         if state == "frozen" and last is not None:
