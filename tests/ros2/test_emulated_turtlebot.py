@@ -222,6 +222,27 @@ def test_a_base_that_refuses_says_so_only_where_it_does_on_the_robot() -> None:
     assert recorder.world.speed("r1") > 0.05
 
 
+def test_a_create_backs_off_from_a_wall_and_backs_up_a_metre_at_most() -> None:
+    recorder = Recorder()
+    recorder.world.move_robot("r1", Pose(12.0, 12.5, -math.pi / 2))
+    while not recorder.robot("r1")._bumped and recorder.world.now < seconds(20.0):
+        recorder.run(0.05, r1=(0.2, 0.0))
+    at_wall = recorder.world.pose("r1")
+    recorder.run(0.3, r1=(0.2, 0.0))
+    assert recorder.world.pose("r1")[1] > at_wall[1] + 0.01  # it does so by itself
+    recorder.run(1.0, r1=(0.0, 0.0))
+    kinds = [
+        [one["type"] for one in shown["detections"]] for shown in recorder.seen["r1", "hazard_detection"]
+    ]
+    assert kinds == [[], [1], []]
+    recorder.world.move_robot("r1", Pose(12.0, 12.5, math.pi))
+    recorder.run(10.0, r1=(-0.2, 0.0))
+    assert recorder.world.pose("r1")[0] - 12.0 == pytest.approx(1.0, abs=0.1)
+    assert [one["type"] for one in recorder.last("r1", "hazard_detection")["detections"]] == [0]
+    recorder.run(2.0, r1=(0.2, 0.0))
+    assert recorder.last("r1", "hazard_detection")["detections"] == []
+
+
 def test_a_robot_is_driven_over_the_sdk_across_a_restart_of_its_router(tmp_path: Path) -> None:
     """Shows a rival publisher of `cmd_vel` as well, and a second robot behind zenoh-bridge-ros2dds."""
     world, bridged = robots_world(["turtlebot4", "turtlebot4"]), {"bridge": "ros2dds", "stamped": False}

@@ -29,6 +29,13 @@ DENSE: Final = 2160
 """Cast rays per turn, of which a scan takes the nearest ones."""
 _TIMEOUT: Final = milliseconds(500)
 """Create 3: age of a command at which the wheels stop. TurtleBot 3: time after its node has ended."""
+_BACKUP_LIMIT: Final = 1.0
+"""Distance that a Create 3 backs up at most, m; turtlebot4, issue 11: about that."""
+_BACKUP_RELEASE: Final = 0.9
+"""Distance below which it may back up again, m; own choice."""
+_REFLEX: Final = milliseconds(300)
+"""Duration of the reflex after a bump; own choice, as is its speed."""
+_REFLEX_SPEED: Final = -0.1
 HAZARDS: Final = ("backup_limit", "bump", "cliff", "stall", "wheel_drop", "object_proximity")
 """Hazards of a Create 3, by number."""
 _FRAMES: Final = {"bump": "bump_front_center", "cliff": "cliff_front_left", "wheel_drop": "wheel_drop_left"}
@@ -175,7 +182,8 @@ class EmulatedTurtlebot:
         self._shown_hazards: set[str] | None = None
         self._raw = Odometry(*[0.0] * 6)
         self._estimate = Pose(0.0, 0.0, 0.0)
-        self._bumped = False
+        self._bumped, self._bumped_at = False, Instant(-_REFLEX)
+        self._backed_up, self._is_at_limit = 0.0, False
 
     # --- commands ---
 
@@ -194,12 +202,14 @@ class EmulatedTurtlebot:
             return 0.0, 0.0
         if faults.reflex is not None:
             return faults.reflex
+        if self.kind.is_create3 and now - self._bumped_at < _REFLEX:
+            return _REFLEX_SPEED, 0.0
         if faults.ignores_commands or self._is_stale(now):
             return 0.0, 0.0
         v, omega = self._command
         if self._hazards() & {"bump", "cliff"}:
             v = min(v, 0.0)
-        if "backup_limit" in faults.hazards:
+        if "backup_limit" in self._hazards():
             v = max(v, 0.0)
         return v, omega
 
@@ -236,10 +246,12 @@ class EmulatedTurtlebot:
         """Restart the odometry at zero."""
         self._estimate = Pose(0.0, 0.0, 0.0)
 
-    def measure(self) -> None:
+    def measure(self, now: Instant) -> None:
         """Read odometry and bumper; call it after each sub-step."""
         senses = self._bodies.senses(self._index, 0, START, 0, False)
         self._bumped = senses.bumper != 0
+        if self._bumped:
+            self._bumped_at = now
         old, new = self._raw, senses.odometry
         dx, dy = new.x - old.x, new.y - old.y
         turn = self._estimate.heading - old.heading
@@ -250,6 +262,11 @@ class EmulatedTurtlebot:
             wrap(self._estimate.heading + (new.heading - old.heading) * self._gyro_scale()),
         )
         self._raw = new
+        forward = dx * math.cos(new.heading) + dy * math.sin(new.heading)
+        lifted = "wheel_drop" in self.faults.hazards
+        self._backed_up = _BACKUP_LIMIT if lifted else max(0.0, self._backed_up - forward)
+        threshold = _BACKUP_RELEASE if self._is_at_limit else _BACKUP_LIMIT
+        self._is_at_limit = self.kind.is_create3 and self._backed_up >= threshold
 
     def _gyro_scale(self) -> float:
         """Return the factor of the heading in `odom`, which a TurtleBot 3 takes from `imu`."""
@@ -419,7 +436,8 @@ class EmulatedTurtlebot:
         }
 
     def _hazards(self) -> set[str]:
-        return self.faults.hazards | ({"bump"} if self._bumped else set())
+        natural = {"bump": self._bumped, "backup_limit": self._is_at_limit}
+        return self.faults.hazards | {name for name, found in natural.items() if found}
 
     def _hazard_message(self, stamp: int) -> Fields | None:
         """Return the hazards if they have changed; firmware H.2.5 and later publish them only then."""
@@ -489,7 +507,7 @@ class TurtlebotWorld:
             moved = np.hypot(*(self._bodies.positions - before).T)
             for robot, distance in zip(self.robots.values(), moved.tolist(), strict=True):
                 robot.travelled += distance
-                robot.measure()
+                robot.measure(self.now)
                 yield from robot.publications(self.now, self.epoch_ns)
 
     def pose(self, robot: str) -> tuple[float, float, float]:
