@@ -109,6 +109,25 @@ def test_echoes_lie_on_the_walls_of_the_map(robot: str, mount: Pose) -> None:
     assert np.quantile(distances, 0.9) < 0.12  # a mount turned by 90° gives 0.5 m and more
 
 
+@pytest.mark.parametrize(
+    ("state", "rays", "increment"),
+    [("works", 1080, 0.005806980188935995), ("short", 269, 0.023379595950245857)],
+)
+def test_scans_have_the_headers_of_recorded_ones(state: str, rays: int, increment: float) -> None:
+    """Compares with two real robots: turtlebot/turtlebot4, issues 312 and 664."""
+    recorder = Recorder()
+    recorder.robot("r1").faults.scan = state
+    recorder.run(0.2)
+    scan = recorder.last("r1", "scan")
+    assert len(scan["ranges"]) == rays and scan["header"]["frame_id"] == "rplidar_link"
+    names = ("angle_min", "angle_max", "angle_increment", "range_min", "range_max")
+    assert [np.float32(scan[name]) for name in names] == pytest.approx(
+        [-3.1241390705108643, 3.1415927410125732, increment, 0.15000000596046448, 12.0], rel=1e-6
+    )
+    assert scan["scan_time"] == pytest.approx(0.1216442659497261, rel=0.05)
+    assert scan["time_increment"] == pytest.approx(scan["scan_time"] / (rays - 1))
+
+
 def test_odometry_follows_the_robot_and_its_faults() -> None:
     recorder = Recorder()
     start = recorder.world.pose("r1")
