@@ -239,10 +239,10 @@ def _state_findings(traffic: Mapping[str, TopicTraffic]) -> Iterator[DoctorFindi
     if battery is not None and math.isfinite(battery.percentage):
         charge = battery.percentage / (100 if battery.percentage > 1 else 1)
         text = f"{charge:.0%} at {battery.voltage:.1f} V"
-        yield _finding("battery", f"{text}; charge it" if charge < _LEAST_CHARGE else "", text)
+        yield _finding("charge", f"{text}; charge it" if charge < _LEAST_CHARGE else "", text)
     if dock is not None:
         fault = "docked, so the robot stands; undock it: button 2, or the action undock"
-        yield _finding("dock", fault if dock.is_docked else "", "not docked")
+        yield _finding("dock state", fault if dock.is_docked else "", "not docked")
 
 
 def _text(endpoints: Sequence[Endpoint]) -> str:

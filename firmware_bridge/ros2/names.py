@@ -225,7 +225,7 @@ class Ros2DdsMapping(KeyMapping):
         return ""
 
     def parse_token(self, token: str) -> Endpoint | None:
-        """Parse `@/<bridge>/@ros2_lv/<kind>/<topic>/<type>/<qos>`."""
+        """Parse `@/<bridge>/@ros2_lv/<kind>/<topic>/<type>/<qos>`; since Iron the last has the type hash."""
         parts = token.split("/")
         if len(token) > _MAX_TOKEN or len(parts) != 7:
             return None
@@ -234,14 +234,15 @@ class Ros2DdsMapping(KeyMapping):
             found = EndpointKind(kind)
         except ValueError:
             return None
+        profile, _, data = qos.partition(":typehash=")
         return Endpoint(
             found,
             session,
             session,
             f"/{topic.replace(self._SLASH, '/')}",
             name.replace(self._SLASH, "/"),
-            "",
-            qos,
+            data.partition(";")[0],
+            profile,
         )
 
 

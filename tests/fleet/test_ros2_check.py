@@ -92,8 +92,13 @@ def token(kind: EndpointKind, topic: str, message_type: str, node: str = "driver
     return RmwZenohMapping.endpoint_token(NodeIdentity("ab12", 0, space, node), 3, end)
 
 
-def dds_token(kind: EndpointKind, topic: str, message_type: str) -> str:
-    return f"@/ab12/@ros2_lv/{kind.value}/r1§{topic}/{message_type.replace('/', '§')}/:1:0:0,10"
+def dds_token(kind: EndpointKind, topic: str, message_type: str, data: str = "") -> str:
+    return f"@/ab12/@ros2_lv/{kind.value}/r1§{topic}/{message_type.replace('/', '§')}/:1:0:0,10{data}"
+
+
+def with_hash(kind: EndpointKind, topic: str, message_type: str) -> str:
+    """Return a token of a bridge since Iron."""
+    return dds_token(kind, topic, message_type, f":typehash={type_hash(message_type)};")
 
 
 def healthy(make: Any = token) -> Robot:
@@ -129,16 +134,16 @@ def test_a_healthy_robot_is_described() -> None:
     assert all(one.ok for one in found)
     texts = {one.subject: one.text for one in found}
     assert list(texts) == [
-        *("router", "graph", "scan", "odom", "imu", "battery", "hazards", "dock", "command"),
+        *("router", "graph", "scan", "odom", "imu", "battery", "hazards", "dock", "command", "charge"),
     ]
     assert texts["scan"] == f"/r1/scan: sensor_msgs/msg/LaserScan, 7.9 Hz, /r1/driver ({scan}, QoS 2::,5)"
     assert texts["imu"] == "/r1/imu: not published; optional"
-    assert texts["battery"] == "80% at 14.4 V"
+    assert texts["charge"] == "80% at 14.4 V"
     assert texts["command"].startswith("/r1/cmd_vel: TwistStamped, /r1/driver (RIHS01_")
 
 
 @pytest.mark.parametrize(
-    "robot", [ROBOT.replaced(type_hash(TOPIC_TYPES["scan"]), NO_HASH), healthy(dds_token)]
+    "robot", [ROBOT.replaced(type_hash(TOPIC_TYPES["scan"]), NO_HASH), healthy(dds_token), healthy(with_hash)]
 )
 def test_robots_without_type_hashes_pass(robot: Robot) -> None:
     is_dds = robot.tokens[0].startswith("@/")
@@ -204,6 +209,12 @@ DOCKED = message_types.new(
             "scan",
             "/r1/scan: /r1/driver has the type hash RIHS01_00000000… of sensor_msgs/msg/LaserScan, not "
             "RIHS01_64c19139…; install the distribution's own messages on the robot",
+        ),
+        (
+            healthy(with_hash).replaced("RIHS01_6", "RIHS01_7"),
+            with_base(bridge="ros2dds"),
+            "scan",
+            "/r1/scan: ab12 has the type hash RIHS01_74c19139… of sensor_msgs/msg/LaserScan, not",
         ),
         (
             ROBOT.without("scan")._replace(tokens=[IMAGE, *ROBOT.tokens[1:]]),
@@ -277,11 +288,11 @@ DOCKED = message_types.new(
         (
             ROBOT.hears(dock=TopicTraffic(1.0, DOCKED)),
             R1,
-            "dock",
+            "dock state",
             "docked, so the robot stands; undock it: button 2, or the action undock",
         ),
-        (ROBOT.hears(battery=battery(0.1)), R1, "battery", "10% at 14.4 V; charge it"),
-        (ROBOT.hears(battery=battery(15.0)), R1, "battery", "15% at 14.4 V; charge it"),
+        (ROBOT.hears(battery=battery(0.1)), R1, "charge", "10% at 14.4 V; charge it"),
+        (ROBOT.hears(battery=battery(15.0)), R1, "charge", "15% at 14.4 V; charge it"),
         (ROBOT.hears(imu=TopicTraffic(fault="3 bytes")), R1, "imu", "/r1/imu: 3 bytes"),
     ],
 )
