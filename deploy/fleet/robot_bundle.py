@@ -82,10 +82,7 @@ def write_bundle(
     code, (configuration, path) = _strategy_files(fleet, permit), _configuration(fleet, robot)
     files = {**_program(root), **code, **configuration}
     files[COMMIT] = (f"{software_version()}\n".encode(), 0o644)
-    pinned = (root / "constraints.txt").read_text()
-    files |= _wheels(
-        requirements(pinned, int(python.removeprefix("3.")), (*robot.extras, "build")), machine, python
-    )
+    files |= _wheels((root / "constraints.txt").read_text(), robot.extras, machine, python)
     try:
         _write(out, f"acrc-{name}", files)
     except OSError as error:
@@ -152,8 +149,9 @@ def _strategy_files(fleet: Fleet, permit: Permit) -> _Files:
     }
 
 
-def _wheels(pinned: Sequence[str], machine: str, python: str) -> _Files:
+def _wheels(constraints: str, extras: Sequence[str], machine: str, python: str) -> _Files:
     """Download the pinned wheels of a robot, in `wheels/`. Raises AcrcError."""
+    pinned = requirements(constraints, int(python.removeprefix("3.")), (*extras, "build"))
     with scratch_folder() as folder:
         download(folder, pinned, machine, python)
         files = {f"wheels/{path.name}": (path.read_bytes(), 0o644) for path in folder.glob("*.whl")}

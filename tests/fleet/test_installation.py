@@ -414,7 +414,18 @@ def test_missing_wheels_are_reported_in_one_sentence(monkeypatch: pytest.MonkeyP
     with pytest.raises(
         AcrcError, match=r"cannot be downloaded: No matching distribution found for tiny==1\.0"
     ):
-        robot_bundle._wheels(text, "x86-64", "3.13")
+        robot_bundle._wheels(text, ("base", "hardware"), "x86-64", "3.13")
+
+
+def test_the_bundle_of_a_ros_2_robot_has_the_wheel_of_its_messages(monkeypatch: pytest.MonkeyPatch) -> None:
+    downloaded: list[str] = []
+    monkeypatch.setattr(robot_bundle, "download", lambda _, pinned, *__: downloaded.extend(pinned))
+    constraints = (ROOT / "constraints.txt").read_text()
+    for one, expected in ((robot(1), False), (robot(1, 'base = { kind = "ros2" }'), True)):
+        downloaded.clear()
+        robot_bundle._wheels(constraints, fleet(one).robots[0].extras, "aarch64", "3.12")
+        assert any(pin.startswith("rosbags==") for pin in downloaded) is expected
+        assert any(pin.startswith("pyserial==") for pin in downloaded)
 
 
 def test_a_bundles_program_reports_its_commit(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
