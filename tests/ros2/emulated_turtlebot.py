@@ -29,12 +29,12 @@ from actors.world.physics import SUBSTEP
 from actors.world.world_setup import WorldSetup
 from tests.ros2 import definitions
 from tests.ros2.dds_bridge import BridgedPublisher, BridgedSubscriber
+from tests.ros2.lidars import SCAN_FAULTS
 from tests.ros2.routers import start_router
 from tests.ros2.sdk import message, sdk_session, use_own_definitions
 from tests.ros2.turtlebots import (
     HAZARDS,
     MESSAGE_FAULTS,
-    SCAN_FAULTS,
     EmulatedTurtlebot,
     Publication,
     TurtlebotFaults,

@@ -178,6 +178,10 @@ def test_scan_faults_change_what_they_name() -> None:
     assert len(shown_ranges["empty"]) == 0 and np.isposinf(shown_ranges["blind"]).all()
     mixed = shown_ranges["mixed"]
     assert np.isnan(mixed).any() and np.isneginf(mixed).any() and (mixed == 0).any() and (mixed > 12).any()
+    faults.scan, faults.scan_turn = "works", math.pi / 2
+    recorder.run(0.3)
+    turned = recorder.last("r1", "scan")["ranges"][: -1080 // 4]
+    assert np.mean(np.abs(turned - shown["ranges"][1080 // 4 :]) < 0.1) > 0.9  # the first ray is 90° further
     faults.scan, faults.scan_delay = "works", 0.4
     recorder.run(1.0)
     assert recorder.world.now * 1e-6 - stamp(recorder.last("r1", "scan")) >= 0.4

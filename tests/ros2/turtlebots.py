@@ -11,22 +11,20 @@ from dataclasses import dataclass, field
 from functools import partial
 from typing import Any, Final, NamedTuple
 
-import msgspec
 import numpy as np
 
 from actors.geometry import Pose, wrap
 from actors.instant import START, Duration, Instant, milliseconds, seconds
-from actors.messages import NO_ECHO_MM, Drive, Odometry
+from actors.messages import Drive, Odometry
 from actors.randomness import generator
-from actors.robot_model import RobotModel, interpolate, load_model
+from actors.robot_model import interpolate, load_model
 from actors.world.body import Bodies, real_floor
 from actors.world.physics import SUBSTEP
 from actors.world.sensing import RangeSensors
 from actors.world.world_setup import WorldSetup
 from tests.ros2 import definitions
+from tests.ros2.lidars import Fields, Lds02, RplidarA1, dense_model, header
 
-DENSE: Final = 2160
-"""Cast rays per turn, of which a scan takes the nearest ones."""
 _TIMEOUT: Final = milliseconds(500)
 """Create 3: age of a command at which the wheels stop. TurtleBot 3: time after its node has ended."""
 _BACKUP_LIMIT: Final = 1.0
@@ -39,8 +37,6 @@ _REFLEX_SPEED: Final = -0.1
 HAZARDS: Final = ("backup_limit", "bump", "cliff", "stall", "wheel_drop", "object_proximity")
 """Hazards of a Create 3, by number."""
 _FRAMES: Final = {"bump": "bump_front_center", "cliff": "cliff_front_left", "wheel_drop": "wheel_drop_left"}
-
-Fields = dict[str, Any]
 
 
 class TopicProfile(NamedTuple):
@@ -142,15 +138,7 @@ class TurtlebotFaults:
     """Charge, 0 to 1."""
 
 
-SCAN_FAULTS: Final = (
-    "works", "stopped", "frozen", "repeated", "mixed", "alternating", "empty", "blind", "short",
-)  # fmt: skip
 MESSAGE_FAULTS: Final = ("works", "stopped", "frozen", "repeated")
-
-
-def _header(stamp_ns: int, frame: str) -> Fields:
-    sec, nanosec = divmod(stamp_ns, 1_000_000_000)
-    return {"stamp": {"sec": sec, "nanosec": nanosec}, "frame_id": frame}
 
 
 def _vector(x: float = 0.0, y: float = 0.0, z: float = 0.0) -> Fields:
@@ -171,11 +159,12 @@ class EmulatedTurtlebot:
         self.model = load_model(model_name)
         self.faults = TurtlebotFaults()
         self.travelled = 0.0
-        self._index, self._bodies, self._cast = index, bodies, cast
+        self._index, self._bodies = index, bodies
         self._random = generator(seed, "emulated turtlebot", name)
         self._command, self._commanded = (0.0, 0.0), Instant(-_TIMEOUT)
         self._node_ended: Instant | None = None
-        self._turns = 0
+        lidar = RplidarA1 if self.kind.is_create3 else Lds02
+        self._lidar = lidar(self.model.sensor, self.kind.scan_frame, cast, self._random)
         self._due = dict.fromkeys(self.kind.topics, START)
         self._last: dict[str, Fields] = {}
         self._delayed: deque[tuple[Instant, Fields]] = deque()
@@ -308,82 +297,13 @@ class EmulatedTurtlebot:
         if state == "frozen" and last is not None:
             return last
         if state == "repeated" and last is not None:
-            return {**last, "header": {**last["header"], "stamp": _header(stamp, "")["stamp"]}}
+            return {**last, "header": {**last["header"], "stamp": header(stamp, "")["stamp"]}}
         made: Fields = getattr(self, f"_{topic}")(stamp)
         self._last[topic] = made
         return made
 
     def _scan(self, stamp: int) -> Fields:
-        self._turns += 1
-        return self._rplidar_scan(stamp) if self.kind.is_create3 else self._lds_scan(stamp)
-
-    def _rplidar_scan(self, stamp: int) -> Fields:
-        """Return a scan of rplidar_ros: as many equal angles as the driver has bins, no echo is infinite.
-
-        The driver labels bins of 360°/n as steps of 359°/(n − 1), so that directions are off by up to 0.7°.
-        """
-        state, last_degree = self.faults.scan, math.radians(359.0)
-        count = {"empty": 0, "short": 269}.get(state, self.model.sensor.rays)
-        if state == "alternating" and self._turns % 2:
-            count = 720
-        angles = math.pi - np.arange(count - 1, -1, -1) * (math.tau / max(count, 1))
-        ranges = self._ranges(angles, np.inf)
-        turn = 1 / self.model.sensor.rate
-        return {
-            "header": _header(stamp - round(turn * 1e9), self.kind.scan_frame),  # start of the turn
-            "angle_min": math.pi - last_degree,
-            "angle_max": math.pi,
-            "angle_increment": last_degree / max(count - 1, 1),
-            "time_increment": turn / max(count - 1, 1),
-            "scan_time": turn,
-            "range_min": self.model.sensor.range_min,
-            "range_max": self.model.sensor.range_max,
-            "ranges": ranges,
-            "intensities": np.where(np.isfinite(ranges), 47, 0).astype(np.float32),
-        }
-
-    def _lds_scan(self, stamp: int) -> Fields:
-        """Return a scan of ld08_driver.
-
-        The number of rays varies; those without a sample are NaN, those without an echo 0; the limits are
-        not the sensor's; the stamp is that of the publication.
-        """
-        state, random = self.faults.scan, self._random
-        count = {"empty": 0, "short": 100}.get(state, int(random.integers(452, 469)))
-        if state == "alternating" and self._turns % 2:
-            count = 230
-        increment = math.tau / max(count, 1)
-        first = float(random.random()) * increment
-        ranges = self._ranges(first + np.arange(count) * increment, 0.0)
-        ranges[random.random(count) < 0.03] = np.nan
-        return {
-            "header": _header(stamp, self.kind.scan_frame),
-            "angle_min": first,
-            "angle_max": first + max(count - 1, 0) * increment,
-            "angle_increment": increment,
-            "time_increment": 1 / self.model.sensor.rate / max(count, 1),
-            "scan_time": 1 / self.model.sensor.rate,
-            "range_min": 0.0,
-            "range_max": 100.0,
-            "ranges": ranges,
-            "intensities": np.where(np.isnan(ranges), np.nan, 200).astype(np.float32),
-        }
-
-    def _ranges(self, angles: Any, no_echo: float) -> Any:
-        """Return float32 ranges in m at angles of the scan's frame, rad."""
-        sensor, dense = self.model.sensor, self._cast()
-        first = math.tau / DENSE - math.pi
-        rays = np.rint((angles - self.faults.scan_turn - first) / (math.tau / DENSE)).astype(np.int64) % DENSE
-        millimetres = dense[rays]
-        ranges = np.where(millimetres == NO_ECHO_MM, no_echo, millimetres / 1000).astype(np.float32)
-        if self.faults.scan == "blind":
-            ranges[:] = no_echo
-        elif self.faults.scan == "mixed":
-            draws = self._random.random(len(ranges))
-            for share, value in ((0.3, np.nan), (0.2, np.inf), (0.1, 0.0), (0.05, -np.inf)):
-                ranges[draws < share] = value
-            ranges[draws > 0.98] = sensor.range_max + 50
-        return ranges
+        return self._lidar.scan(stamp, self.faults.scan, self.faults.scan_turn)
 
     def _odom(self, stamp: int) -> Fields:
         unknown = np.zeros(36)
@@ -394,7 +314,7 @@ class EmulatedTurtlebot:
             "orientation": _rotation(self._estimate.heading),
         }
         return {
-            "header": _header(stamp, "odom"),
+            "header": header(stamp, "odom"),
             "child_frame_id": "base_link" if self.kind.is_create3 else "base_footprint",
             "pose": {"pose": pose, "covariance": unknown},
             "twist": {"twist": moving, "covariance": unknown},
@@ -405,7 +325,7 @@ class EmulatedTurtlebot:
         noise = math.radians(self.model.kobuki_errors.gyro_noise_deg) * float(self._random.standard_normal())
         unknown = np.zeros(9)
         return {
-            "header": _header(stamp, "imu" if self.kind.is_create3 else "imu_link"),
+            "header": header(stamp, "imu" if self.kind.is_create3 else "imu_link"),
             "orientation": _rotation(heading),
             "orientation_covariance": unknown,
             "angular_velocity": _vector(z=omega * self.faults.imu_scale + noise),
@@ -421,7 +341,7 @@ class EmulatedTurtlebot:
         percent = charge if self.kind.is_create3 else charge * 100
         zeros = ("temperature", "current", "charge", "capacity", "design_capacity")
         return {
-            "header": _header(stamp, "base_link" if self.kind.is_create3 else ""),
+            "header": header(stamp, "base_link" if self.kind.is_create3 else ""),
             **dict.fromkeys(zeros, 0.0),
             "voltage": interpolate(battery.voltage, charge),
             "percentage": percent,
@@ -446,10 +366,10 @@ class EmulatedTurtlebot:
             return None
         self._shown_hazards = set(found)
         detections = [
-            {"header": _header(stamp, _FRAMES.get(name, "base_link")), "type": HAZARDS.index(name)}
+            {"header": header(stamp, _FRAMES.get(name, "base_link")), "type": HAZARDS.index(name)}
             for name in sorted(found)
         ]
-        return {"header": _header(stamp, "base_link"), "detections": detections}
+        return {"header": header(stamp, "base_link"), "detections": detections}
 
     def repeat_hazards(self) -> None:
         """Publish the hazards again although they have not changed."""
@@ -457,19 +377,19 @@ class EmulatedTurtlebot:
 
     def _dock_status(self, stamp: int) -> Fields:
         docked = self.faults.is_docked
-        return {"header": _header(stamp, "base_link"), "dock_visible": docked, "is_docked": docked}
+        return {"header": header(stamp, "base_link"), "dock_visible": docked, "is_docked": docked}
 
     def _wheel_status(self, stamp: int) -> Fields:
         names = ("current_ma_left", "current_ma_right", "pwm_left", "pwm_right")
         enabled = not self.faults.has_estop
-        return {"header": _header(stamp, "base_link"), **dict.fromkeys(names, 0), "wheels_enabled": enabled}
+        return {"header": header(stamp, "base_link"), **dict.fromkeys(names, 0), "wheels_enabled": enabled}
 
     def _sensor_state(self, stamp: int) -> Fields:
         battery = self.model.battery
         assert battery is not None
         names = ("cliff", "sonar", "illumination")
         return {
-            "header": _header(stamp, ""),
+            "header": header(stamp, ""),
             "bumper": int("bump" in self.faults.hazards),
             **dict.fromkeys(names, 0.0),
             **dict.fromkeys(("led", "button", "left_encoder", "right_encoder"), 0),
@@ -488,7 +408,7 @@ class TurtlebotWorld:
         self.now = START
         models = [load_model(robot.model, robot.sensor) for robot in setup.robots]
         noise = [generator(setup.seed, "emulated turtlebot range", robot.id) for robot in setup.robots]
-        self._sensors = RangeSensors(real_floor(setup, models).visible, list(map(_dense, models)), noise)
+        self._sensors = RangeSensors(real_floor(setup, models).visible, list(map(dense_model, models)), noise)
         self.robots = {
             robot.id: EmulatedTurtlebot(
                 robot.id, robot.model, index, self._bodies, partial(self._cast, index), setup.seed
@@ -530,8 +450,3 @@ class TurtlebotWorld:
         poses = np.array([self._bodies.truth(one)[:3] for one in range(len(self.robots))])
         (ranges,) = self._sensors.scan([index], poses, self._bodies.obstacles)
         return ranges
-
-
-def _dense(model: RobotModel) -> RobotModel:
-    sensor = msgspec.structs.replace(model.sensor, rays=DENSE, field_of_view_deg=360.0)
-    return msgspec.structs.replace(model, sensors={**model.sensors, model.default_sensor: sensor})
