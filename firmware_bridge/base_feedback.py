@@ -17,20 +17,8 @@ class WheelMotion(NamedTuple):
     """Turn by the gyro, rad; None: no gyro."""
 
 
-class DriveFeedback(Protocol):
-    """One feedback of a base."""
-
-    @property
-    def instant(self) -> Instant:
-        """Time of arrival."""
-
-    @property
-    def gyro(self) -> object:
-        """Values of the gyro, which differ while it works and turns; None: no gyro."""
-
-    @property
-    def turn_rate(self) -> float | None:
-        """Turn rate by the gyro, rad/s."""
+class HazardState(Protocol):
+    """Sensors of a base against collision and fall."""
 
     @property
     def bumper(self) -> int:
@@ -48,9 +36,25 @@ class DriveFeedback(Protocol):
     def overcurrent(self) -> int:
         """Motors with over-current or a stalled wheel: bit 0 left, 1 right."""
 
+
+class DriveFeedback(Protocol):
+    """One feedback of a base."""
+
     @property
-    def backup_limit(self) -> bool:
-        """True if the base itself refuses to back up farther."""
+    def instant(self) -> Instant:
+        """Time of arrival."""
+
+    @property
+    def basic(self) -> HazardState:
+        """HazardStatus."""
+
+    @property
+    def gyro(self) -> object:
+        """Values of the gyro, which differ while it works and turns; None: no gyro."""
+
+    @property
+    def turn_rate(self) -> float | None:
+        """Turn rate by the gyro, rad/s."""
 
     def since(self, before: Self) -> WheelMotion:
         """Return the motion since an earlier feedback of the same base."""

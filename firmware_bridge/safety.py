@@ -20,7 +20,7 @@ from enum import Enum
 from typing import Final, NamedTuple
 
 from actors.instant import Instant, in_seconds, milliseconds
-from firmware_bridge.base_feedback import DriveFeedback, DriveLimits
+from firmware_bridge.base_feedback import DriveFeedback, DriveLimits, HazardState
 
 _COMMAND_AGE: Final = milliseconds(200)
 """Maximum age of a command; two steps."""
@@ -82,6 +82,12 @@ class HoldCause(Enum):
     CLIFF = "cliff ahead: backward only"
     BACKUP_LIMIT = "backup limit of the base: forward only"
     OVERCURRENT = "over-current at a wheel: it may be blocked"
+    WHEELS_DISABLED = "wheels disabled by the base: emergency stop"
+    DOCKED = "docked: undock the robot"
+    NO_SUBSCRIBER = "robot does not subscribe to velocity commands"
+    COMMAND_TYPE = "type of velocity commands is unclear or unknown"
+    OTHER_PUBLISHER = "another node commands velocities"
+    LATE_DATA = "messages of the robot are late, or its clock was set back"
     BATTERY = "battery nearly empty"
     NOISE = "serial line of the base is noisy: feedback damaged"
     BASE_CLOCK = "clock of the base stopped or jumping"
@@ -159,16 +165,16 @@ class SafetyStop:
         now = feedback.instant
         if self._silent_until is None or now - self._feedback_at > self._limits.silence:
             self._silent_until = now
-        if feedback.wheel_drop:
+        if feedback.basic.wheel_drop:
             self._was_lifted = True
-        if feedback.wheel_drop or not self._is_still(feedback):
+        if feedback.basic.wheel_drop or not self._is_still(feedback):
             self._moved_at = now
-        if feedback.overcurrent:
+        if feedback.basic.overcurrent:
             self._overcurrent_at = now
         self._feedback, self._feedback_at = feedback, now
 
     def hold(self, cause: HoldCause, holds: bool) -> None:
-        """Set or clear an external cause that prevents all motion."""
+        """Set or clear an external cause, which prevents all motion but that of its rule above."""
         (self._external_causes.add if holds else self._external_causes.discard)(cause)
 
     def command(self, now: Instant, issued: Instant, v: float, omega: float) -> None:
@@ -214,7 +220,7 @@ class SafetyStop:
         elif self._silent_until is not None and now - self._silent_until < self._limits.silence:
             causes[HoldCause.LINK_RECOVERING] = 0
         if self._feedback is not None:
-            causes |= self._sensor_causes(now, self._feedback)
+            causes |= self._sensor_causes(now, self._feedback.basic)
         causes |= dict.fromkeys(self._external_causes, 0)
         command = self._command
         if command is None or now - command.arrived > _COMMAND_AGE:
@@ -225,23 +231,21 @@ class SafetyStop:
             causes[HoldCause.BAD_COMMAND] = 0
         return causes
 
-    def _sensor_causes(self, now: Instant, feedback: DriveFeedback) -> dict[HoldCause, int]:
+    def _sensor_causes(self, now: Instant, basic: HazardState) -> dict[HoldCause, int]:
         causes = {}
-        if feedback.wheel_drop:
-            causes[HoldCause.WHEEL_DROP] = feedback.wheel_drop
+        if basic.wheel_drop:
+            causes[HoldCause.WHEEL_DROP] = basic.wheel_drop
         elif self._was_lifted:
             if self._feedback_at - self._moved_at < _STILLNESS:
                 causes[HoldCause.PUT_DOWN] = 0
             else:
                 self._was_lifted = False
         if self._overcurrent_at is not None and now - self._overcurrent_at <= _OVERCURRENT_REST:
-            causes[HoldCause.OVERCURRENT] = feedback.overcurrent
-        if feedback.bumper:
-            causes[HoldCause.BUMPER] = feedback.bumper
-        if feedback.cliff:
-            causes[HoldCause.CLIFF] = feedback.cliff
-        if feedback.backup_limit:
-            causes[HoldCause.BACKUP_LIMIT] = 0
+            causes[HoldCause.OVERCURRENT] = basic.overcurrent
+        if basic.bumper:
+            causes[HoldCause.BUMPER] = basic.bumper
+        if basic.cliff:
+            causes[HoldCause.CLIFF] = basic.cliff
         return causes
 
     def _is_still(self, feedback: DriveFeedback) -> bool:

@@ -12,7 +12,7 @@ from collections.abc import Callable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Final
+from typing import Final, Protocol
 
 import msgspec
 
@@ -40,6 +40,7 @@ from deploy.run.supervisor import Supervisor, exit_description
 from firmware_bridge.beeclick.answer_decoder import BoardSettings
 from firmware_bridge.kobuki import guardian
 from firmware_bridge.onboard import last_pose
+from firmware_bridge.ros2.settings import Ros2Base
 from firmware_bridge.serial_port import Say, changed_only
 
 _MAX_RESTARTS: Final = 5
@@ -176,14 +177,30 @@ POLL_INTERVAL_S: Final = 0.05
 """Period of supervision and of stop commands, s; our choice."""
 
 
-class FallbackStop:
-    """Fallback that sends stop commands to the base's port while the base process is suspended."""
+class ClosableStop(guardian.StopHandler, Protocol):
+    """A sender of stop commands with a connection of its own."""
 
-    def __init__(self, port: str, say: Say) -> None:
-        """`port`: of the base. `say`: called with log messages."""
-        self._path = port
+    def close(self) -> None:
+        """Close the connection."""
+
+
+def connect_stop(base: str | Ros2Base) -> ClosableStop:
+    """Open a connection for stop commands to a Kobuki's port or a ROS 2 robot. Raises OSError."""
+    if isinstance(base, str):
+        return guardian.SerialStop(guardian.open_port(base))
+    from firmware_bridge.ros2.guardian import RobotStop  # noqa: PLC0415 - Zenoh and rosbags load slowly
+
+    return RobotStop(base, "fallback")
+
+
+class FallbackStop:
+    """Fallback that sends stop commands to the base while the base process is suspended."""
+
+    def __init__(self, connect: Callable[[], ClosableStop], say: Say) -> None:
+        """`connect`: opens a connection to the base, or raises OSError. `say`: called with log messages."""
+        self._connect = connect
         self._say = say
-        self._port: int | None = None
+        self._sender: ClosableStop | None = None
 
     def update(self, base: int | None) -> None:
         """Send a stop command if the process with PID `base` is suspended; does not block."""
@@ -191,19 +208,20 @@ class FallbackStop:
         if found is None or not found.stopped:
             self._close()
             return
-        if self._port is None:
+        if self._sender is None:
             try:
-                self._port = guardian.open_port(self._path)
+                self._sender = self._connect()
             except OSError:
                 return  # unplugged
             self._say("base process suspended (SIGSTOP or a debugger): sending stop commands to the wheels")
-        if not guardian.send_stop(self._port, guardian.Standstill()):
+        self._sender.reset()
+        if not self._sender.send():
             self._close()
 
     def _close(self) -> None:
-        if self._port is not None:
-            os.close(self._port)
-            self._port = None
+        if self._sender is not None:
+            self._sender.close()
+            self._sender = None
 
 
 _SOCKET: Final = "NOTIFY_SOCKET"
@@ -311,11 +329,9 @@ def run(prepared: OnboardRobot, say: Say) -> None:
                     f"{prepared.robot.id} waits until its scans confirm its last pose; to set the pose, use "
                     "`--at start` or `--at X,Y,HEADING`"
                 )
-            base = prepared.ports.base
-            fallback = FallbackStop(base, say) if isinstance(base, str) else None
+            fallback = FallbackStop(functools.partial(connect_stop, prepared.ports.base), say)
             while supervisor.restart_exited(POLL_INTERVAL_S):
-                if fallback is not None:
-                    fallback.update(supervisor.base_pid)
+                fallback.update(supervisor.base_pid)
                 operator.check_if_due()
             say(f"{prepared.robot.id} stopped by the operator")
         finally:

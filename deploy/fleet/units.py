@@ -11,6 +11,8 @@ from pathlib import Path
 from string import Template
 from typing import Final, NamedTuple
 
+import msgspec
+
 from actors.installation.usage import OptionError, wrong_value
 from actors.runtime.errors import AcrcError
 from deploy.fleet.fleet_file import Fleet, FleetRobot
@@ -245,8 +247,12 @@ def service_text(
     start = (str(program), "fleet", "onboard", str(fleet.path), "--robot", robot.id, *own)
     guardian = root / "firmware_bridge" / "kobuki" / "guardian.py"
     # "-": systemd ignores the exit code.
-    stop = [f"-{root / '.venv' / 'bin' / 'python'}", "-I", "-S", str(guardian), "alone"]
-    stop = [*stop, robot.base] if isinstance(robot.base, str) else []
+    if isinstance(robot.base, str):
+        alone = ["-S", str(guardian), "alone", robot.base]
+    else:
+        settings = msgspec.json.encode(robot.base).decode()
+        alone = ["-m", "firmware_bridge.ros2.guardian", "alone", settings]
+    stop = [f"-{root / '.venv' / 'bin' / 'python'}", "-I", *alone]
     return Template(_TEMPLATE.read_text()).substitute(
         robot=robot.id,
         fleet=fleet.path.stem.replace("%", "%%"),

@@ -21,7 +21,7 @@ import time
 from collections import deque
 from collections.abc import Callable, Sequence
 from contextlib import suppress
-from typing import Final
+from typing import Final, Protocol
 
 HEARTBEAT_TIMEOUT_S: Final = 0.15
 """Timeout of heartbeats after which stop is sent; our choice: seven cycles of the base's event loop."""
@@ -33,6 +33,8 @@ LIMIT_S: Final = 10.0
 """Maximum duration of stop commands if no standstill is detected; own choice."""
 STOP: Final = bytes.fromhex("aa 55 06 01 04 00 00 00 00 03")
 """Base control with speed 0, radius 0; a test compares it with firmware_bridge.kobuki.kobuki_packets."""
+NOT_READY: Final = b"n"
+"""Answer to a heartbeat if stop cannot be sent at present."""
 _HEADER: Final = b"\xaa\x55"
 _BASIC: Final = b"\x01\x0f"
 """ID and length of the first packet of a feedback."""
@@ -86,20 +88,6 @@ class Standstill:
         return True
 
 
-def stop_until_standstill(port: int, detector: Standstill | None = None, limit_s: float = LIMIT_S) -> str:
-    """Send stop commands until standstill, loss of the port, or `limit_s`; return the result, in words."""
-    standstill = detector or Standstill()
-    deadline, said = time.monotonic() + limit_s, 0
-    while time.monotonic() < deadline:
-        if not send_stop(port, standstill):
-            return f"sent stop {said} times, until the port was lost"
-        said += 1
-        if standstill.is_reached:
-            return f"sent stop {said} times, until the wheels stood"
-        time.sleep(PERIOD_S)
-    return f"sent stop {said} times, but no standstill was detected: the base may still be driving"
-
-
 def send_stop(port: int, standstill: Standstill) -> bool:
     """Send one stop command and read feedback; return False if the port is lost."""
     try:
@@ -112,16 +100,89 @@ def send_stop(port: int, standstill: Standstill) -> bool:
     return True
 
 
+class StopHandler(Protocol):
+    """Sender of stop commands to a base, and detector of its standstill."""
+
+    @property
+    def is_ready(self) -> bool:
+        """True if there is a connection to send stop to."""
+
+    @property
+    def is_standing(self) -> bool:
+        """True if the wheels have stood since `reset`."""
+
+    def reset(self) -> None:
+        """Forget what was received from the base."""
+
+    def take(self, message: bytes, descriptors: Sequence[int]) -> bytes:
+        """Process a heartbeat or another message of the base process; return its answer."""
+
+    def send(self) -> bool:
+        """Send one stop command and receive feedback; return False if the connection is lost."""
+
+
+class SerialStop:
+    """Sender of stop commands to a Kobuki's port."""
+
+    def __init__(self, port: int | None = None) -> None:
+        self._port = port
+        self._standstill = Standstill()
+
+    @property
+    def is_ready(self) -> bool:
+        """True if there is a port."""
+        return self._port is not None
+
+    @property
+    def is_standing(self) -> bool:
+        """True if the wheels have stood since `reset`."""
+        return self._standstill.is_reached
+
+    def reset(self) -> None:
+        """Forget the feedback received."""
+        self._standstill = Standstill()
+
+    def take(self, message: bytes, descriptors: Sequence[int]) -> bytes:
+        """Take the port's descriptor, or close the port for the message `c`; return the message."""
+        if descriptors or message[:1] == b"c":
+            self.close()
+            self._port = descriptors[0] if descriptors else None
+        return message
+
+    def send(self) -> bool:
+        """Send one stop command and read feedback; return False if the port is lost."""
+        return self._port is not None and send_stop(self._port, self._standstill)
+
+    def close(self) -> None:
+        """Close the port."""
+        if self._port is not None:
+            os.close(self._port)
+            self._port = None
+
+
+def stop_until_standstill(sender: StopHandler, limit_s: float = LIMIT_S) -> str:
+    """Send stop commands until standstill, loss of the port, or `limit_s`; return the result, in words."""
+    deadline, said = time.monotonic() + limit_s, 0
+    while time.monotonic() < deadline:
+        if not sender.send():
+            return f"sent stop {said} times, until the port was lost"
+        said += 1
+        if sender.is_standing:
+            return f"sent stop {said} times, until the wheels stood"
+        time.sleep(PERIOD_S)
+    return f"sent stop {said} times, but no standstill was detected: the base may still be driving"
+
+
 class BaseWatchdog:
     """Watchdog of the base process at the other end of `channel`."""
 
-    def __init__(self, channel: socket.socket, kill: Callable[[], None]) -> None:
+    def __init__(self, channel: socket.socket, kill: Callable[[], None], sender: StopHandler) -> None:
         """`kill`: kills the base process."""
         self._channel = channel
         self._kill = kill
-        self._port: int | None = None
-        self._standstill: Standstill | None = None
-        """Standstill detector; None while heartbeats arrive."""
+        self._sender = sender
+        self._is_stopping = False
+        """False while heartbeats arrive."""
         self._heartbeat_s = time.monotonic()
 
     def run(self) -> str:
@@ -129,40 +190,33 @@ class BaseWatchdog:
         while True:
             remaining_s = HEARTBEAT_TIMEOUT_S - (time.monotonic() - self._heartbeat_s)
             if select.select(
-                [self._channel], [], [], PERIOD_S if self._standstill else max(remaining_s, 0.0)
+                [self._channel], [], [], PERIOD_S if self._is_stopping else max(remaining_s, 0.0)
             )[0]:
                 if not self._receive():
                     break
             else:
                 self._send_stop()
-        return (
-            "no port to send stop to"
-            if self._port is None
-            else stop_until_standstill(self._port, self._standstill)
-        )
+        return stop_until_standstill(self._sender) if self._sender.is_ready else "no port to send stop to"
 
     def _receive(self) -> bool:
-        """Handle a heartbeat, a port's descriptor, or the port's closing; return False at end of file."""
+        """Handle a message of the base; return False at end of file."""
         try:
-            message, ports, _, _ = socket.recv_fds(self._channel, 16, 1)
+            message, descriptors, _, _ = socket.recv_fds(self._channel, 16, 1)
         except OSError:
             return False
         if not message:
             return False
-        if ports or message[:1] == b"c":
-            if self._port is not None:
-                os.close(self._port)
-            self._port = ports[0] if ports else None
-        self._heartbeat_s, self._standstill = time.monotonic(), None
+        answer = self._sender.take(message, descriptors)
+        self._heartbeat_s, self._is_stopping = time.monotonic(), False
+        self._sender.reset()
         with suppress(OSError):
-            self._channel.send(message, socket.MSG_DONTWAIT)
+            self._channel.send(answer, socket.MSG_DONTWAIT)
         return True
 
     def _send_stop(self) -> None:
         """Send stop in place of the silent base; kill it after HUNG_S."""
-        self._standstill = self._standstill or Standstill()
-        if self._port is not None:
-            send_stop(self._port, self._standstill)
+        self._is_stopping = True
+        self._sender.send()
         if time.monotonic() - self._heartbeat_s > HUNG_S:
             self._kill()
 
@@ -182,26 +236,39 @@ def open_port(path: str) -> int:
 
 def main(argv: Sequence[str]) -> int:
     """Run the guardian; return the exit code: 0 unless the wheels may still turn."""
-    for number in (signal.SIGTERM, signal.SIGINT, signal.SIGHUP, signal.SIGQUIT):
-        signal.signal(number, signal.SIG_IGN)
+    ignore_signals()
     if argv[0] == "beside":
-        said = BaseWatchdog(socket.socket(fileno=int(argv[1])), _kill_function(os.getppid())).run()
+        said = watch_parent(int(argv[1]), SerialStop())
     else:
         try:
-            said = stop_until_standstill(open_port(argv[1]))
+            said = stop_until_standstill(SerialStop(open_port(argv[1])))
         except OSError as error:
             said = f"stop cannot be sent: {error.strerror}"
-    with suppress(OSError):
-        os.write(1, f"{argv[-1]}: {said}\n".encode())
-    return 1 if "may still" in said or "cannot be sent" in said else 0
+    return report(argv[-1], said)
 
 
-def _kill_function(base: int) -> Callable[[], None]:
+def ignore_signals() -> None:
+    """Ignore all signals but SIGKILL."""
+    for number in (signal.SIGTERM, signal.SIGINT, signal.SIGHUP, signal.SIGQUIT):
+        signal.signal(number, signal.SIG_IGN)
+
+
+def watch_parent(channel: int, sender: StopHandler) -> str:
+    """Guard the base process, which is the parent process, on a descriptor; return the result, in words."""
+    base = os.getppid()
+
     def kill() -> None:
         if os.getppid() == base:
             os.kill(base, signal.SIGKILL)
 
-    return kill
+    return BaseWatchdog(socket.socket(fileno=channel), kill, sender).run()
+
+
+def report(name: str, said: str) -> int:
+    """Write the result for a base to the log; return the exit code."""
+    with suppress(OSError):
+        os.write(1, f"{name}: {said}\n".encode())
+    return 1 if "may still" in said or "cannot be sent" in said else 0
 
 
 def _counter_distance(one: int, other: int) -> int:

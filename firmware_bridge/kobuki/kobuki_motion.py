@@ -93,31 +93,6 @@ class BaseFeedback(NamedTuple):
         """Turn rate by the gyro, rad/s."""
         return None if self.inertial is None else math.radians(self.inertial.rate_cdeg / 100)
 
-    @property
-    def bumper(self) -> int:
-        """Pressed parts."""
-        return self.basic.bumper
-
-    @property
-    def wheel_drop(self) -> int:
-        """Wheels without contact."""
-        return self.basic.wheel_drop
-
-    @property
-    def cliff(self) -> int:
-        """Cliff sensors without floor."""
-        return self.basic.cliff
-
-    @property
-    def overcurrent(self) -> int:
-        """Motors with over-current."""
-        return self.basic.overcurrent
-
-    @property
-    def backup_limit(self) -> bool:
-        """False: a Kobuki has none."""
-        return False
-
     def since(self, before: "BaseFeedback") -> WheelMotion:
         """Return the motion since an earlier feedback."""
         turn = None

@@ -12,6 +12,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from socket import SOCK_STREAM
 from types import FrameType
+from typing import TYPE_CHECKING
 
 from actors.geometry import Pose
 from actors.instant import Instant, seconds
@@ -42,14 +43,19 @@ from firmware_bridge.range_sensors.rplidar import Rplidar
 from firmware_bridge.ros2.settings import Ros2Base
 from firmware_bridge.serial_port import KOBUKI, RPLIDAR, Say, SerialPort
 
+if TYPE_CHECKING:
+    from firmware_bridge.onboard.ros2_robot import Ros2Robot
 
-def create_turtlebot(setup: BaseSetup, clock: Clock, say: Say) -> TurtleBot:
-    """Create the vehicle on the ports of the set-up, which may be missing at first."""
+
+def create_vehicle(setup: BaseSetup, clock: Clock, say: Say) -> "TurtleBot | Ros2Robot":
+    """Create the vehicle on the ports of the set-up or on its ROS 2 topics, which may be missing at first."""
+    model = load_model(setup.model, setup.sensor)
     if isinstance(setup.base, Ros2Base):
-        raise AcrcError(f"{setup.id}: a ROS 2 base is not supported by this version")
+        from firmware_bridge.onboard.ros2_robot import create_ros2_robot  # noqa: PLC0415 - needs rosbags
+
+        return create_ros2_robot(setup.base, model, clock.now, say)
     base = functools.partial(SerialPort, setup.base, KOBUKI)
     driver, range_device = KobukiDriver(clock.now()), _create_ranger(setup, clock, say)
-    model = load_model(setup.model, setup.sensor)
     return TurtleBot(
         base, driver, range_device, GuardianLink(setup.base), say, model.sensor.mount, model.battery
     )
@@ -73,7 +79,7 @@ class Base:
         now = clock.now()
         self._clock = clock
         self._log = BackgroundLog(write_stderr)
-        self._vehicle = create_turtlebot(setup, clock, self._log.say)
+        self._vehicle = create_vehicle(setup, clock, self._log.say)
         self._pose_writer = None if setup.last_pose is None else PoseWriter(Path(setup.last_pose), now)
         initial = None if self._pose_writer is None else self._pose_writer.initial
         start = Pose(*(setup.start if initial is None else initial.pose))
@@ -139,7 +145,7 @@ def check_endpoint(listen: str | None) -> None:
 def main(argv: Sequence[str]) -> int:
     """Run the base process; return the exit code."""
     try:
-        file = setup_parser("firmware_bridge.onboard.base", "Drive a TurtleBot 2.").parse_args(argv).setup
+        file = setup_parser("firmware_bridge.onboard.base", "Drive a TurtleBot.").parse_args(argv).setup
         process_setup, folder = read_setup(file, BaseProcessSetup, "a base"), file.parent
         setup, router = process_setup.actor, folder / process_setup.process.router
         if process_setup.process.with_parent:

@@ -28,7 +28,7 @@ from firmware_bridge.onboard.motion_checks import (
     direction,
     pose_track,
 )
-from firmware_bridge.range_sensors.sensor import SensorSweep
+from firmware_bridge.range_sensors.sensor import SensorSweep, chosen_samples
 from firmware_bridge.safety import HoldCause
 
 _POINTS: Final = 90
@@ -56,11 +56,6 @@ class Hypothesis(NamedTuple):
     """Rotation of the sensor on its mount, rad, counter-clockwise."""
     mirrored: bool = False
     late_us: int = 0
-
-
-def chosen_samples(sweep: SensorSweep, chosen: Flags | slice) -> SensorSweep:
-    """Return some samples of a sweep."""
-    return SensorSweep(sweep.stamps[chosen], sweep.angles[chosen], sweep.ranges[chosen])
 
 
 def large_objects(sweep: SensorSweep) -> SensorSweep:
@@ -320,7 +315,7 @@ class ContradictionMonitor:
         """Process a feedback of the base; set the velocity by `set_command` first."""
         last, self._last = self._last, feedback
         now = feedback.instant
-        if last is None or now - last.instant > _LONGEST_GAP or feedback.wheel_drop:
+        if last is None or now - last.instant > _LONGEST_GAP or feedback.basic.wheel_drop:
             self._forget()
             return
         _, left, right, turn = feedback.since(last)

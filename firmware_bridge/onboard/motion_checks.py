@@ -118,7 +118,7 @@ class MotionChecks:
         cause = self._clock_fault(feedback) or self._bumper_fault(move, feedback)
         if cause is not None:
             return cause
-        if feedback.wheel_drop or feedback.bumper or (move.v == 0 and move.omega == 0):
+        if feedback.basic.wheel_drop or feedback.basic.bumper or (move.v == 0 and move.omega == 0):
             self.forget()
             return None
         self._moves.append(move)
@@ -148,7 +148,7 @@ class MotionChecks:
         return HoldCause.BASE_CLOCK if self._wrong_stamps >= _MAX_WRONG_STAMPS else None
 
     def _bumper_fault(self, move: Movement, feedback: DriveFeedback) -> HoldCause | None:
-        self._backed = self._backed - min(0.0, (move.left + move.right) / 2) if feedback.bumper else 0.0
+        self._backed = self._backed - min(0.0, (move.left + move.right) / 2) if feedback.basic.bumper else 0.0
         return HoldCause.BUMPER_STUCK if self._backed > _STUCK_AFTER else None
 
 

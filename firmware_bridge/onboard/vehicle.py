@@ -1,4 +1,4 @@
-"""TurtleBot 2 as driven by the base core: Kobuki with its guardian process, and a range sensor."""
+"""Vehicles as driven by the base core: a base with its guardian process, and a range sensor; TurtleBot 2."""
 
 import socket
 import subprocess
@@ -13,15 +13,16 @@ from actors.messages import Odometry, Scan
 from actors.robot_model import BatteryParameters
 from actors.runtime.errors import AcrcError
 from firmware_bridge.kobuki import guardian
-from firmware_bridge.kobuki.driver import BatteryLevel, KobukiDriver
+from firmware_bridge.kobuki.driver import BatteryLevel, KobukiDriver, StateChange
 from firmware_bridge.kobuki.kobuki_motion import TRACK
 from firmware_bridge.onboard.contradictions import ContradictionMonitor
 from firmware_bridge.onboard.device_loop import DeviceLine
 from firmware_bridge.range_sensors.depth import CameraFeed, DepthError, DepthScanner
 from firmware_bridge.range_sensors.rplidar import Rplidar
 from firmware_bridge.range_sensors.sensor import RangeReader
-from firmware_bridge.safety import HoldCause
+from firmware_bridge.safety import AllowedMotion, HoldCause
 from firmware_bridge.serial_port import Say, SerialPort
+from firmware_bridge.wheel_odometry import WheelOdometry
 
 _HEARTBEAT_INTERVAL: Final = milliseconds(10)
 """Minimum interval of heartbeats."""
@@ -61,7 +62,7 @@ class GuardianLink:
         self._start = start
         self._channel: socket.socket | None = None
         self._process: subprocess.Popen[bytes] | None = None
-        self._port: SerialPort | None = None
+        self._port: object | None = None
         """Port in the last message to the guardian."""
         self._number = 0
         """Number of that message."""
@@ -73,8 +74,11 @@ class GuardianLink:
         self.started = 0
         """Number of started guardians."""
 
-    def serve(self, now: Instant, port: SerialPort | None) -> None:
-        """Send heartbeats, and the base's port after a change; call it continuously."""
+    def serve(self, now: Instant, port: object | None) -> None:
+        """Send heartbeats, and the base's port after a change; call it continuously.
+
+        `port`: a serial port, or the connection of a base whose guardian has its own; None: not connected.
+        """
         self._receive(now)
         if self._unanswered_since is not None and now - self._unanswered_since > _HUNG_TIMEOUT:
             self._kill(now)
@@ -123,12 +127,13 @@ class GuardianLink:
         self._channel = self._process = self._port = self._unanswered_since = None
         self._confirmed = False
 
-    def _send(self, now: Instant, message: bytes, port: SerialPort | None = None) -> None:
+    def _send(self, now: Instant, message: bytes, port: object | None = None) -> None:
         assert self._channel is not None
         self._pulsed_at = now
         self._unanswered_since = now if self._unanswered_since is None else self._unanswered_since
         try:
-            socket.send_fds(self._channel, [message], [] if port is None else [port.fileno()])
+            descriptors = [port.fileno()] if isinstance(port, SerialPort) else []
+            socket.send_fds(self._channel, [message], descriptors)
         except BlockingIOError:
             if port is not None:
                 self._port = None  # send it again
@@ -149,6 +154,8 @@ class GuardianLink:
             self._unanswered_since = None
             if message == b"o" + bytes((self._number,)):
                 self._confirmed = True
+            elif message == guardian.NOT_READY:
+                self._confirmed = False
 
 
 ORIGIN: Final = Pose(0.0, 0.0, 0.0)
@@ -209,7 +216,131 @@ class DepthCameraDevice:
             self.errors += 1
 
 
-class TurtleBot:
+class BaseDriver(Protocol):
+    """Driver of a base, without I/O."""
+
+    allowed: AllowedMotion
+    battery: BatteryLevel | None
+    odometry: WheelOdometry
+
+    def command(self, now: Instant, v: float, omega: float, issued: Instant | None = None) -> None:
+        """Command a velocity, m/s and rad/s, decided at `issued`, subject to the safety stop."""
+
+    def hold(self, cause: HoldCause, holds: bool) -> None:
+        """Set or clear an external cause that prevents all motion."""
+
+    def pressed(self) -> int:
+        """Return the bumper bits set at any time since the last call, as in SensorData.bumper."""
+
+    def changes(self) -> list[StateChange]:
+        """Return changes since the last call."""
+
+
+class BaseLine(Protocol):
+    """Connection to a base."""
+
+    @property
+    def port(self) -> object | None:
+        """Connection that the guardian needs; None while commands cannot reach the base."""
+
+    def descriptors(self) -> Sequence[int]:
+        """Return the descriptors to wait for."""
+
+    def serve(self, now: Instant) -> None:
+        """Exchange data with the base."""
+
+    def close(self) -> None:
+        """Send a stop and disconnect."""
+
+
+class GuardedVehicle:
+    """A differential base with its guardian and an optional range sensor."""
+
+    def __init__(
+        self,
+        line: BaseLine,
+        driver: BaseDriver,
+        range_reader: RangeReader | None,
+        guardian_link: GuardianLink,
+        say: Say,
+        monitor: ContradictionMonitor,
+    ) -> None:
+        self._line = line
+        self._driver = driver
+        self._range_reader = range_reader
+        self._guardian = guardian_link
+        self._say = say
+        self._contradictions = monitor
+        self._contradiction_causes: frozenset[HoldCause] = frozenset()
+
+    def descriptors(self) -> Sequence[int]:
+        """Return the descriptors to wait for."""
+        return self._line.descriptors()
+
+    def serve(self, now: Instant) -> None:
+        """Exchange data with the devices; stop without guardian or range data."""
+        self._guardian.serve(now, self._line.port)
+        self._driver.hold(HoldCause.NO_GUARDIAN, not self._guardian.is_operational(now))
+        reader = self._range_reader
+        if reader is not None:
+            self._driver.hold(HoldCause.NO_RANGE_DATA, not reader.is_measuring(now))
+            if reader.fault is not None:
+                self._contradictions.report_range_fault(now, reader.fault)
+            if (sweep := reader.sweep()) is not None:
+                self._contradictions.sweep(now, sweep)
+        self._line.serve(now)
+
+    def close(self) -> None:
+        """Stop the wheels and close all devices."""
+        self._line.close()
+        self._guardian.close()
+
+    def odometry(self) -> Odometry:
+        """Return the pose since the start, and the velocity."""
+        return self._driver.odometry.read()
+
+    def check_odometry(self) -> None:
+        """Raise MotionUnknownError if the base may have moved without feedback."""
+        if self._driver.odometry.unknown:
+            raise MotionUnknownError(
+                "no feedback from the base for too long, or it was restarted: motion in between is unknown"
+            )
+
+    def bumper(self) -> int:
+        """Return the bits set since the last call, as in SensorData."""
+        return self._driver.pressed()
+
+    def scan(self) -> Scan | None:
+        """Return the latest scan, once."""
+        return None if self._range_reader is None else self._range_reader.scan()
+
+    def command(self, now: Instant, issued: Instant, vx: float, omega: float) -> None:
+        """Command a velocity, based on data sensed at `issued`; the safety stop may refuse it."""
+        self._driver.command(now, vx, omega, issued)
+
+    def stop_reasons(self) -> tuple[str, ...]:
+        """Return active stop causes and a low battery, in words."""
+        stops = tuple(map(self.describe, (stop.cause for stop in self._driver.allowed.stops)))
+        return (*stops, "battery low") if self._driver.battery is BatteryLevel.LOW else stops
+
+    def describe(self, cause: HoldCause) -> str:
+        """Return a cause in words."""
+        return cause.value
+
+    def report_changes(self, now: Instant) -> None:
+        """Report changes of the driver's state."""
+        for change in self._driver.changes():
+            self._say(f"{in_seconds(now):.3f} {change}")
+
+    def hold_contradictions(self, now: Instant) -> None:
+        """Pass the contradictions between the sensors to the safety stop."""
+        causes = self._contradictions.causes(now)
+        for cause in causes ^ self._contradiction_causes:
+            self._driver.hold(cause, cause in causes)
+        self._contradiction_causes = causes
+
+
+class TurtleBot(GuardedVehicle):
     """A Kobuki with its guardian and an optional range sensor."""
 
     def __init__(
@@ -223,72 +354,33 @@ class TurtleBot:
         battery: BatteryParameters | None = None,
     ) -> None:
         """Create it; `mount`: pose of the range sensor on the body."""
+        line = DeviceLine(open_base, kobuki, self._take, say)
+        reader, monitor = (None, None) if ranger is None else (ranger.reader, mount)
+        super().__init__(line, kobuki, reader, guardian_link, say, ContradictionMonitor(monitor, TRACK))
         self._battery = battery
-        self._contradictions = ContradictionMonitor(None if ranger is None else mount, TRACK)
-        self._contradiction_causes: frozenset[HoldCause] = frozenset()
         self._kobuki = kobuki
-        self._line = DeviceLine(open_base, kobuki, self._take, say)
         self._ranger = ranger
-        self._guardian = guardian_link
-        self._say = say
 
     def descriptors(self) -> Sequence[int]:
         """Return the descriptors to wait for."""
-        return [*self._line.descriptors(), *(self._ranger.descriptors() if self._ranger else ())]
+        return [*super().descriptors(), *(self._ranger.descriptors() if self._ranger else ())]
 
     def serve(self, now: Instant) -> None:
         """Exchange bytes with the devices; stop without guardian or range data."""
-        self._guardian.serve(now, self._line.port)
-        self._kobuki.hold(HoldCause.NO_GUARDIAN, not self._guardian.is_operational(now))
         if self._ranger is not None:
             self._ranger.serve(now)
-            reader = self._ranger.reader
-            self._kobuki.hold(HoldCause.NO_RANGE_DATA, not reader.is_measuring(now))
-            if reader.fault is not None:
-                self._contradictions.report_range_fault(now, reader.fault)
-            if (sweep := reader.sweep()) is not None:
-                self._contradictions.sweep(now, sweep)
-        self._line.serve(now)
+        super().serve(now)
 
     def close(self) -> None:
         """Stop the wheels and close all devices."""
-        self._line.close()
-        self._guardian.close()
+        super().close()
         if self._ranger is not None:
             self._ranger.close()
-
-    def odometry(self) -> Odometry:
-        """Return the pose since the start, and the velocity."""
-        return self._kobuki.odometry.read()
-
-    def check_odometry(self) -> None:
-        """Raise MotionUnknownError if the base may have moved without feedback."""
-        if self._kobuki.odometry.unknown:
-            raise MotionUnknownError(
-                "no feedback from the base for too long, or it was restarted: motion in between is unknown"
-            )
-
-    def bumper(self) -> int:
-        """Return the bits set since the last call, as in SensorData."""
-        return self._kobuki.pressed()
-
-    def scan(self) -> Scan | None:
-        """Return the latest scan, once."""
-        return None if self._ranger is None else self._ranger.reader.scan()
 
     def charge(self) -> float | None:
         """Return the battery's charge by its voltage, 0 to 1; None: unknown."""
         volts = self._kobuki.volts
         return None if volts is None or self._battery is None else self._battery.charge_at(volts)
-
-    def command(self, now: Instant, issued: Instant, vx: float, omega: float) -> None:
-        """Command a velocity, based on data sensed at `issued`; the safety stop may refuse it."""
-        self._kobuki.command(now, vx, omega, issued)
-
-    def stop_reasons(self) -> tuple[str, ...]:
-        """Return active stop causes and a low battery, in words."""
-        stops = tuple(stop.cause.value for stop in self._kobuki.allowed.stops)
-        return (*stops, "battery low") if self._kobuki.battery is BatteryLevel.LOW else stops
 
     def _take(self, now: Instant, data: bytes) -> None:
         odometry = self._kobuki.odometry
@@ -296,13 +388,9 @@ class TurtleBot:
             self._contradictions.set_command(self._kobuki.allowed.v, self._kobuki.allowed.omega)
             used = feedback._replace(inertial=None) if odometry.uses_wheel_heading else feedback
             self._contradictions.feedback(used)
-        for change in self._kobuki.changes():
-            self._say(f"{in_seconds(now):.3f} {change}")
+        self.report_changes(now)
         if self._contradictions.is_gyro_contradicted and odometry.gyro_is_constant:
             odometry.use_wheel_heading()
             self._contradictions.ignore_gyro()
             self._say(f"{in_seconds(now):.3f} gyro frozen: heading computed from the wheels")
-        causes = self._contradictions.causes(now)
-        for cause in causes ^ self._contradiction_causes:
-            self._kobuki.hold(cause, cause in causes)
-        self._contradiction_causes = causes
+        self.hold_contradictions(now)

@@ -168,13 +168,13 @@ class SampleReader:
 
 _NOTICEABLE_Q6: Final = 10 * 64
 """Change of the angle that shows a rotating head, 1/64°."""
-_SECTORS: Final = 12
+SECTORS: Final = 12
 """Number of parts of a turn for detecting repetition: 30 samples of an A1 each, 15 ms."""
-_ECHOES: Final = 10
+MIN_ECHOES: Final = 10
 """Minimum number of echoes in a compared part."""
-_KEPT_TURNS: Final = 64
+KEPT_TURNS: Final = 64
 """Number of earlier turns for comparison, 12 s of an A1; own choice."""
-_REPEATED: Final = 4
+REPEATED: Final = 4
 """Repeated parts in the last turn that are a fault; own choice: 60 ms."""
 PATIENCE: Final = milliseconds(1000)
 """Timeout of answers and samples after which the lidar is restarted; own choice, five turns."""
@@ -228,7 +228,7 @@ class Rplidar(RangeReader):
         """Angle and distance of each sample of this turn; None before the first turn."""
         self._turn_began = started
         self._sector: list[Sample] = []
-        self._repeats = RepetitionDetector(_SECTORS * _KEPT_TURNS, _SECTORS, _REPEATED)
+        self._repeats = RepetitionDetector(SECTORS * KEPT_TURNS, SECTORS, REPEATED)
         self._still = FrozenBeamDetector()
         self._alive = started
         """Time of the last valid data."""
@@ -333,9 +333,9 @@ class Rplidar(RangeReader):
 
     def _compare(self, sample: Sample) -> None:
         """Compare a completed part of the turn with earlier ones."""
-        width = FULL_TURN_Q6 // _SECTORS
+        width = FULL_TURN_Q6 // SECTORS
         if self._sector and sample.angle_q6 // width != self._sector[-1].angle_q6 // width:
-            if sum(one.distance_q2 > 0 for one in self._sector) >= _ECHOES:
+            if sum(one.distance_q2 > 0 for one in self._sector) >= MIN_ECHOES:
                 self._repeats.take(b"".join(one.encode() for one in self._sector))
             self._sector = []
         if len(self._sector) < MOST:

@@ -8,7 +8,7 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from actors.array_types import Floats, Int64s
+from actors.array_types import Flags, Floats, Int64s
 from actors.instant import Instant
 from actors.messages import NO_ECHO_MM, Scan
 from actors.robot_model import RangeSensor
@@ -28,6 +28,11 @@ class SensorSweep(NamedTuple):
     """Directions, (n,), in the sensor's frame, counter-clockwise, rad."""
     ranges: Floats
     """Ranges, (n,), m; inf = no echo."""
+
+
+def chosen_samples(sweep: SensorSweep, chosen: Flags | slice) -> SensorSweep:
+    """Return some samples of a sweep."""
+    return SensorSweep(sweep.stamps[chosen], sweep.angles[chosen], sweep.ranges[chosen])
 
 
 class ScanRays:

@@ -174,8 +174,13 @@ class Ros2Session:
             found = [(token, one) for token, one in self._endpoints.items() if one.topic == topic]
         return {token_gid(token): one.node for token, one in found if one.kind is EndpointKind.PUBLISHER}
 
-    def subscribe(self, topic: str, kind: str, qos: QosProfile = SENSOR_QOS) -> Subscription:
-        """Subscribe to a fully qualified topic; publications with any type hash are queued."""
+    def subscribe(
+        self, topic: str, kind: str, qos: QosProfile = SENSOR_QOS, *, hidden: bool = False
+    ) -> Subscription:
+        """Subscribe to a fully qualified topic; publications with any type hash are queued.
+
+        Those of this session are not received. `hidden`: the subscription is not part of the graph.
+        """
         subscription = Subscription(qos.depth)
         names, now, wake = self._names, self._now, self._wake
 
@@ -186,8 +191,12 @@ class Ros2Session:
             os.eventfd_write(wake, 1)
 
         def declare(session: zenoh.Session) -> None:
-            self._kept.append(session.declare_subscriber(names.subscription_key(topic, kind), arrive))
-            self._declare_token(session, self._endpoint(EndpointKind.SUBSCRIPTION, topic, kind, None, qos))
+            key, origin = names.subscription_key(topic, kind), zenoh.Locality.REMOTE
+            self._kept.append(session.declare_subscriber(key, arrive, allowed_origin=origin))
+            if not hidden:
+                self._declare_token(
+                    session, self._endpoint(EndpointKind.SUBSCRIPTION, topic, kind, None, qos)
+                )
 
         self._when_open(declare)
         return subscription

@@ -60,6 +60,7 @@ class RobotTopics(Settings, frozen=True, kw_only=True):
     battery: _Topic = "battery_state"
     hazards: _Topic = "hazard_detection"
     dock: _Topic = "dock_status"
+    wheels: _Topic = "wheel_status"
     command: _Topic = "cmd_vel"
 
 
@@ -70,6 +71,9 @@ class Ros2Base(RouterLink, frozen=True, kw_only=True):
     topics: RobotTopics = RobotTopics()
     command: Literal["Twist", "TwistStamped"] | None = None
     """Type of velocity commands; None: as declared by the robot's subscription to them."""
+    tolerated: tuple[str, ...] = ("teleop_twist_joy_node",)
+    """Nodes that may have a publisher of velocity commands while they are silent. Default: the joystick's
+    node of a TurtleBot 4, which its bringup always starts."""
 
     def __post_init__(self) -> None:
         super().__post_init__()

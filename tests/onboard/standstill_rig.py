@@ -58,6 +58,9 @@ class Where(NamedTuple):
 class Rig:
     """Emulated devices and the processes of a robot; a context manager."""
 
+    fleet = FLEET
+    fast = _FAST
+
     def __init__(self, folder: Path, more: str = "") -> None:
         """Create it; `more`: additional lines of the robot's table."""
         self.folder, self._more = folder, more
@@ -92,7 +95,7 @@ class Rig:
     def write_fleet(self, map_file: str) -> Path:
         """Write the fleet file of this robot."""
         fleet = self.folder / "fleet.toml"
-        fleet.write_text(FLEET.format(map=map_file, links=self._links / "r1") + self._more)
+        fleet.write_text(self.fleet.format(map=map_file, links=self._links / "r1") + self._more)
         return fleet
 
     def onboard(self) -> list[str]:
@@ -128,7 +131,7 @@ class Rig:
     def until_driving(self, patience_s: float = 90.0) -> None:
         """Wait until the robot drives. Raises NotDrivingError."""
         deadline = time.monotonic() + patience_s
-        while self.where().speed < _FAST:
+        while self.where().speed < self.fast:
             if time.monotonic() > deadline:
                 said = (self.folder / "onboard.log").read_text()
                 raise NotDrivingError(f"the robot did not drive within {patience_s:g} s: {said}")

@@ -17,7 +17,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from actors.instant import Instant
-from deploy.fleet.onboard_run import FallbackStop, SystemdNotifier
+from deploy.fleet.onboard_run import FallbackStop, SystemdNotifier, connect_stop
 from firmware_bridge.device_lines import PseudoTerminal
 from firmware_bridge.kobuki import guardian, kobuki_motion
 from firmware_bridge.kobuki.emulated_kobuki import EmulatedKobuki
@@ -229,7 +229,7 @@ def alone(port: Path) -> "subprocess.CompletedProcess[str]":
 
 def test_missing_standstill_is_reported() -> None:
     silent = os.open("/dev/ptmx", os.O_RDWR | os.O_NONBLOCK)
-    said = guardian.stop_until_standstill(silent, limit_s=0.05)
+    said = guardian.stop_until_standstill(guardian.SerialStop(silent), limit_s=0.05)
     os.close(silent)
     assert "no standstill was detected: the base may still be driving" in said
     assert encode_frame(encode_command(BaseControl(0, 0))) == guardian.STOP
@@ -284,7 +284,7 @@ def test_stop_is_sent_for_a_suspended_base_only(tmp_path: Path) -> None:
     said: list[str] = []
     waits = [sys.executable, "-c", "input()"]
     with KobukiLine(tmp_path / "base") as line, subprocess.Popen(waits, stdin=subprocess.PIPE) as base:
-        stand_in = FallbackStop(str(line.link), said.append)
+        stand_in = FallbackStop(lambda: connect_stop(str(line.link)), said.append)
         line.body.drive(0.3, 0.0)
         stand_in.update(None)
         stand_in.update(base.pid)

@@ -35,7 +35,7 @@ _REFLEX: Final = milliseconds(300)
 """Duration of the reflex after a bump; own choice, as is its speed."""
 _REFLEX_SPEED: Final = -0.1
 HAZARDS: Final = ("backup_limit", "bump", "cliff", "stall", "wheel_drop", "object_proximity")
-"""Hazards of a Create 3, by number."""
+"""HazardStatus of a Create 3, by number."""
 _FRAMES: Final = {"bump": "bump_front_center", "cliff": "cliff_front_left", "wheel_drop": "wheel_drop_left"}
 
 

@@ -1,0 +1,74 @@
+"""A ROS 2 robot as driven by the base core."""
+
+import os
+from collections.abc import Callable
+
+import msgspec
+
+from actors.instant import Instant, in_seconds
+from actors.robot_model import RobotModel
+from firmware_bridge.onboard.contradictions import ContradictionMonitor
+from firmware_bridge.onboard.vehicle import BaseLine, GuardedVehicle, GuardianLink
+from firmware_bridge.ros2.driver import Publications, RobotDriver
+from firmware_bridge.ros2.guardian import start_guardian
+from firmware_bridge.ros2.robot_link import RobotLink, node_name
+from firmware_bridge.ros2.scan_reader import LaserScanReader
+from firmware_bridge.ros2.session import Ros2Session
+from firmware_bridge.ros2.settings import Ros2Base
+from firmware_bridge.safety import HoldCause
+from firmware_bridge.serial_port import Say
+
+Take = Callable[[Instant, Publications], None]
+
+
+class Ros2Robot(GuardedVehicle):
+    """A base and a lidar behind ROS 2 topics, with a guardian."""
+
+    def __init__(
+        self,
+        connect: Callable[[RobotDriver, LaserScanReader, Take], BaseLine],
+        model: RobotModel,
+        started: Instant,
+        guardian_link: GuardianLink,
+        say: Say,
+    ) -> None:
+        """Create it; `connect`: returns the connection, which passes messages to driver and reader."""
+        self._robot = RobotDriver(model, started)
+        reader = LaserScanReader(model.sensor, say)
+        line = connect(self._robot, reader, self._take)
+        monitor = ContradictionMonitor(model.sensor.mount, self._robot.limits.track)
+        super().__init__(line, self._robot, reader, guardian_link, say, monitor)
+        self._uses_gyro = True
+
+    def charge(self) -> float | None:
+        """Return the battery's charge, 0 to 1; None: unknown."""
+        return self._robot.charge
+
+    def describe(self, cause: HoldCause) -> str:
+        """Return a cause in words."""
+        detail = self._robot.details.get(cause)
+        return cause.value if detail is None else f"{cause.value}: {detail}"
+
+    def _take(self, now: Instant, publications: Publications) -> None:
+        robot, monitor = self._robot, self._contradictions
+        for feedback in robot.take(now, publications):
+            monitor.set_command(robot.allowed.v, robot.allowed.omega)
+            monitor.feedback(feedback if self._uses_gyro else feedback._replace(gyro=None))
+        self.report_changes(now)
+        if monitor.is_gyro_contradicted and self._uses_gyro:  # the odometry does not need it
+            self._uses_gyro = False
+            monitor.ignore_gyro()
+            self._say(f"{in_seconds(now):.3f} gyro contradicted: checks without it from now on")
+        self.hold_contradictions(now)
+
+
+def create_ros2_robot(base: Ros2Base, model: RobotModel, now: Callable[[], Instant], say: Say) -> Ros2Robot:
+    """Create the vehicle of a robot, which may be missing at first."""
+    settings = msgspec.json.encode(base).decode()
+
+    def connect(driver: RobotDriver, reader: LaserScanReader, take: Take) -> RobotLink:
+        session = Ros2Session(base, node_name("base", os.getpid()), now)
+        return RobotLink(session, base, driver, reader, take, now, say)
+
+    guardian = GuardianLink(settings, start_guardian)
+    return Ros2Robot(connect, model, now(), guardian, say)
