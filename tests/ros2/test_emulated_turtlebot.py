@@ -25,7 +25,7 @@ from tests.ros2.turtlebots import EmulatedTurtlebot, TurtlebotWorld
 EPOCH_NS = 1_700_000_000_000_000_000
 
 
-class Recorder:
+class TopicRecorder:
     """A world with both robots, r1 and r2, and all that they published."""
 
     def __init__(self) -> None:
@@ -55,7 +55,7 @@ def stamp(fields: dict[str, Any]) -> float:
 
 
 def test_topics_have_the_robots_rates() -> None:
-    recorder = Recorder()
+    recorder = TopicRecorder()
     recorder.run(0.2)
     assert len(recorder.seen.pop(("r1", "hazard_detection"))) == 1
     recorder.seen.clear()
@@ -74,7 +74,7 @@ def test_topics_have_the_robots_rates() -> None:
 
 
 def test_a_create_stops_without_commands_and_a_turtlebot_3_never_does() -> None:
-    recorder = Recorder()
+    recorder = TopicRecorder()
     recorder.run(1.0, r1=(0.2, 0.0), r2=(0.2, 0.0))
     recorder.run(1.5)
     assert recorder.world.speed("r1") == pytest.approx(0.0, abs=0.01)
@@ -90,7 +90,7 @@ def test_a_create_stops_without_commands_and_a_turtlebot_3_never_does() -> None:
     ("robot", "mount"), [("r1", Pose(-0.04, 0.0, math.pi / 2)), ("r2", Pose(-0.032, 0.0, 0.0))]
 )
 def test_echoes_lie_on_the_walls_of_the_map(robot: str, mount: Pose) -> None:
-    recorder = Recorder()
+    recorder = TopicRecorder()
     recorder.run(0.5)
     scan, (x, y, heading) = recorder.last(robot, "scan"), recorder.world.pose(robot)
     ranges, limit = scan["ranges"].astype(float), 5.0
@@ -115,7 +115,7 @@ def test_echoes_lie_on_the_walls_of_the_map(robot: str, mount: Pose) -> None:
 )
 def test_scans_have_the_headers_of_recorded_ones(state: str, rays: int, increment: float) -> None:
     """Compares with two real robots: turtlebot/turtlebot4, issues 312 and 664."""
-    recorder = Recorder()
+    recorder = TopicRecorder()
     recorder.robot("r1").faults.scan = state
     recorder.run(0.2)
     scan = recorder.last("r1", "scan")
@@ -129,7 +129,7 @@ def test_scans_have_the_headers_of_recorded_ones(state: str, rays: int, incremen
 
 
 def test_odometry_follows_the_robot_and_its_faults() -> None:
-    recorder = Recorder()
+    recorder = TopicRecorder()
     start = recorder.world.pose("r1")
     recorder.run(2.0, r1=(0.2, 0.3))
     x, y, heading = recorder.world.pose("r1")
@@ -151,7 +151,7 @@ def test_odometry_follows_the_robot_and_its_faults() -> None:
 
 
 def test_scan_faults_change_what_they_name() -> None:
-    recorder = Recorder()
+    recorder = TopicRecorder()
     faults = recorder.robot("r1").faults
     recorder.run(0.3)
     shown = recorder.last("r1", "scan")
@@ -188,7 +188,7 @@ def test_scan_faults_change_what_they_name() -> None:
 
 
 def test_the_clock_of_a_base_differs_from_that_of_its_lidar() -> None:
-    recorder = Recorder()
+    recorder = TopicRecorder()
     recorder.robot("r1").faults.clock, recorder.robot("r1").faults.base_clock = -1.0, 100.0
     recorder.run(0.5)
     now = recorder.world.now * 1e-6
@@ -198,7 +198,7 @@ def test_the_clock_of_a_base_differs_from_that_of_its_lidar() -> None:
 
 
 def test_the_odometry_of_a_turtlebot_3_has_the_heading_of_its_gyro() -> None:
-    recorder = Recorder()
+    recorder = TopicRecorder()
     for robot in ("r1", "r2"):
         recorder.robot(robot).faults.imu = "frozen"
     recorder.run(2.0, r1=(0.0, 0.5), r2=(0.0, 0.5))
@@ -213,7 +213,7 @@ def test_the_odometry_of_a_turtlebot_3_has_the_heading_of_its_gyro() -> None:
 
 
 def test_the_counts_and_values_of_an_lds_vary_as_its_driver_lets_them() -> None:
-    recorder = Recorder()
+    recorder = TopicRecorder()
     recorder.run(3.0)
     scans = recorder.seen["r2", "scan"]
     assert len({len(one["ranges"]) for one in scans}) > 5
@@ -224,7 +224,7 @@ def test_the_counts_and_values_of_an_lds_vary_as_its_driver_lets_them() -> None:
 
 
 def test_a_base_that_refuses_says_so_only_where_it_does_on_the_robot() -> None:
-    recorder = Recorder()
+    recorder = TopicRecorder()
     for robot in ("r1", "r2"):
         faults = recorder.robot(robot).faults
         faults.has_estop = True
@@ -246,7 +246,7 @@ def test_a_base_that_refuses_says_so_only_where_it_does_on_the_robot() -> None:
 
 
 def test_a_create_backs_off_from_a_wall_and_backs_up_a_metre_at_most() -> None:
-    recorder = Recorder()
+    recorder = TopicRecorder()
     recorder.world.move_robot("r1", Pose(12.0, 12.5, -math.pi / 2))
     while not recorder.robot("r1")._bumped and recorder.world.now < seconds(20.0):
         recorder.run(0.05, r1=(0.2, 0.0))
