@@ -311,8 +311,8 @@ def doctor(
 ) -> None:
     """Diagnose this computer and print remedies.
 
-    With a fleet file and a robot, check also the robot's ports, map and keys. Nothing is changed, except that
-    numeric kernels are compiled. The exit code is 1 if a check fails.
+    With a fleet file and a robot, check also the robot's ports or ROS 2 topics, map and keys. Nothing is
+    changed, except that numeric kernels are compiled. The exit code is 1 if a check fails.
     """
     from deploy.fleet.doctor import check_computer
 
