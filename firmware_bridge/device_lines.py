@@ -1,4 +1,4 @@
-"""Serial lines of emulated devices: pseudo-terminals with unplugging and byte errors."""
+"""Serial lines of emulated devices, with unplugging and byte errors; both ends of a transceiver's line."""
 
 import errno
 import os
@@ -10,18 +10,20 @@ from collections.abc import Iterable, Sequence
 from contextlib import ExitStack, suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Final, Generic, NamedTuple, Self, TypeVar
+from typing import Annotated, Final, Generic, NamedTuple, Self, TypeVar
 
 import msgspec
 import numpy as np
 from numpy.random import Generator
 
-from actors.instant import Instant
+from actors.geometry import Coordinate
+from actors.instant import Instant, milliseconds, seconds
 from actors.messages import (
     FrameOverflow,
     FrameReceived,
     FrameRefused,
     FrameUnconfirmed,
+    LinkState,
     OutgoingFrame,
     RadioEvent,
     RadioEvents,
@@ -246,8 +248,30 @@ class EmulatedLines:
 
 
 _MAX_LINE_BYTES: Final = 1 << 16
-"""Maximum length of a line, bytes; far above 32 frames."""
-M = TypeVar("M", Transmit, RadioEvents)
+"""Maximum length of a line, bytes; above MAX_UNSETTLED frames."""
+MAX_UNSETTLED: Final = 256
+"""Maximum number of a host's frames without an outcome, and of frames in a line."""
+
+
+class TransceiverInput(Transmit, frozen=True):
+    """A line to a transceiver without a board; `step` is the session of the host's link."""
+
+    frames: Annotated[tuple[OutgoingFrame, ...], msgspec.Meta(max_length=MAX_UNSETTLED)]
+    """To be sent on arrival."""
+    sent: int = 0
+    """Time of sending by the host's clock, µs; repeated in the answer."""
+    position: tuple[Coordinate, Coordinate] | None = None
+    """Estimated position of the robot, m, map frame; None: no new one."""
+
+
+class TransceiverOutput(RadioEvents, frozen=True):
+    """A line from a transceiver without a board."""
+
+    sent: int = 0
+    """`sent` of the host's latest line; 0: answered before."""
+
+
+M = TypeVar("M", TransceiverInput, TransceiverOutput)
 
 
 class _MessageParser(Generic[M]):
@@ -274,15 +298,28 @@ class _MessageParser(Generic[M]):
 
 
 class SimulatedTransceiver:
-    """Laboratory end of a transceiver without a board, which sends every frame immediately."""
+    """Medium's end of a transceiver without a board, which sends every frame immediately."""
 
     def __init__(self, radio: DeviceMedium, settings: BoardSettings) -> None:
         self.pan, self.address = settings.pan, settings.address
         self.channel, self.power_dbm = settings.channel - FIRST_CHANNEL, settings.power_dbm
+        self.fault = ""
+        """Why frames are refused now, as a sentence; empty: they are sent."""
+        self.position = (0.0, 0.0)
+        """Latest position from the host, m, and the time of its arrival."""
+        self.located_at = Instant(-1 << 62)
+        self.unsettled = self.refused = 0
+        """Numbers of frames on the medium, and of refused frames."""
         self._radio = radio
-        self._messages = _MessageParser(Transmit)
+        self._messages = _MessageParser(TransceiverInput)
         self._session: int | None = None
+        self._sent = 0
         self._events: list[RadioEvent] = []
+
+    @property
+    def invalid_lines(self) -> int:
+        """Number of invalid lines from the host."""
+        return self._messages.invalid_lines
 
     def take(self, now: Instant, data: bytes) -> None:
         """Accept bytes from the host."""
@@ -291,18 +328,25 @@ class SimulatedTransceiver:
                 self._session = message.step
                 self._events.clear()
                 self._radio.drop_frames(self)
+                self.unsettled = 0
+            self._sent = message.sent
+            if message.position is not None:
+                self.position, self.located_at = message.position, now
             for frame in message.frames:
-                if fault := size_fault(len(frame.data)):
+                if fault := size_fault(len(frame.data)) or self.fault or _tag_fault(frame.tag):
+                    self.refused += 1
                     self._events.append(FrameRefused(now, frame.tag, fault))
                 else:
+                    self.unsettled += 1
                     self._radio.transmit(self, now, frame.tag, frame.data)
 
     def run(self, now: Instant) -> bytes:
         """Return the bytes for the host."""
-        if self._session is None or not self._events:
+        if self._session is None or not (self._events or self._sent):
             return b""
-        events, self._events = tuple(self._events), []
-        return msgspec.json.encode(RadioEvents(self._session, events)) + b"\n"
+        answer = TransceiverOutput(self._session, tuple(self._events), self._sent)
+        self._events, self._sent = [], 0
+        return msgspec.json.encode(answer) + b"\n"
 
     def settle(self, now: Instant) -> None:
         """Do nothing: it has no timed actions."""
@@ -312,6 +356,7 @@ class SimulatedTransceiver:
 
     def finish_frame(self, now: Instant, end: RadioEvent) -> None:
         """Queue the outcome of a frame for the host."""
+        self.unsettled -= 1
         self._events.append(end)
 
     def receive_frame(self, now: Instant, frame: DataFrame, rssi: int, lqi: int) -> None:
@@ -320,57 +365,87 @@ class SimulatedTransceiver:
             self._events.append(FrameReceived(now, frame.source, rssi_dbm(rssi), lqi, frame.data))
 
 
+_REPORT_INTERVAL: Final = milliseconds(100)
+"""Longest interval of lines to a transceiver, and shortest one of positions: a step; own choice."""
+_SILENCE: Final = seconds(2.0)
+"""Time without an answer after which a transceiver counts as lost; own choice."""
+_MAX_EVENT_BYTES: Final = 240
+"""Maximum size of an event, above that of the largest frame; a message of 256 such events is valid."""
+
+
+def _tag_fault(tag: int) -> str:
+    """Return why a frame's tag, perhaps from another computer, cannot be recorded; empty if it can."""
+    return "" if 0 <= tag < 2**63 else "The tag must be from 0 to 2^63 - 1."
+
+
 class TransceiverLink:
     """Host end of a transceiver without a board, in place of `BoardLink`."""
 
     def __init__(self) -> None:
         self.counters: Counter[str] = Counter()
-        """Number of events by type, and of invalid lines."""
-        self._messages = _MessageParser(RadioEvents)
+        """Number of events by type, and of invalid lines and events."""
+        self.round_trips_ms: Counter[int] = Counter()
+        """Number of answers by the age of the line that they answer, ms."""
+        self.position: tuple[float, float] | None = None
+        """Estimated position, m, map frame, for the next line; None: no new one."""
+        self._messages = _MessageParser(TransceiverOutput)
         self._session: int | None = None
-        self._is_announced = False
+        self._is_up = False
+        self._due = self._answered = Instant(0)
         self._waiting: list[OutgoingFrame] = []
         self._in_flight: list[int] = []
 
     def connect(self, now: Instant) -> None:
         """Start a session on a newly opened port."""
-        self._session, self._is_announced = now, False
+        self._session = self._due = now
+        self._answered = Instant(now - 1)
 
     def lost(self, now: Instant) -> Sequence[BoardEvent]:
         """Handle the loss of the port: all frames are unconfirmed."""
-        self._session = None
+        was_up, self._is_up, self._session = self._is_up, False, None
         tags = [*self._in_flight, *(frame.tag for frame in self._waiting)]
         self.forget()
         self._in_flight.clear()
-        return [FrameUnconfirmed(now, tag) for tag in tags]
+        state = (LinkState(now, False, "lost"),) if was_up else ()
+        return [*state, *(FrameUnconfirmed(now, tag) for tag in tags)]
+
+    def is_silent(self, now: Instant) -> bool:
+        """Return whether the transceiver has answered, and then not for 2 s."""
+        return self._is_up and now - self._answered > _SILENCE
 
     def send(self, now: Instant, tag: int, data: bytes) -> Sequence[BoardEvent]:
         """Queue a frame for `due`."""
         if fault := size_fault(len(data)):
             return [FrameRefused(now, tag, fault)]
-        if self._session is None:
+        if not self._is_up or len(self._in_flight) + len(self._waiting) >= MAX_UNSETTLED:
             return [FrameOverflow(now, tag)]
         self._waiting.append(OutgoingFrame(tag, now, data))
         return ()
 
     def due(self, now: Instant) -> bytes:
         """Return the bytes to write now."""
-        if self._session is None or (self._is_announced and not self._waiting):
+        if self._session is None or not (self._waiting or now >= self._due):
             return b""
-        frames, self._waiting, self._is_announced = tuple(self._waiting), [], True
-        self._in_flight += [frame.tag for frame in frames]
-        return msgspec.json.encode(Transmit(self._session, frames)) + b"\n"
+        line = TransceiverInput(self._session, tuple(self._waiting), now, self.position)
+        self._in_flight += [frame.tag for frame in self._waiting]
+        self._waiting, self.position, self._due = [], None, Instant(now + _REPORT_INTERVAL)
+        return msgspec.json.encode(line) + b"\n"
 
     def take(self, now: Instant, data: bytes) -> Sequence[BoardEvent]:
         """Process bytes read and return the events, stamped with `now`."""
-        messages = [one for one in self._messages.take(data) if one.step == self._session]
+        found: list[BoardEvent] = []
+        for message in self._messages.take(data):
+            if message.step != self._session:
+                continue
+            if self._answered < message.sent <= now:
+                self._answered = Instant(message.sent)
+                self.round_trips_ms[(now - message.sent) // 1000] += 1
+                found += [] if self._is_up else [LinkState(now, True, "")]
+                self._is_up = True
+            events = filter(self._count_event, message.events)
+            found += [msgspec.structs.replace(event, instant=now) for event in events]
         self.counters["bad_lines"] = self._messages.invalid_lines
-        return [
-            msgspec.structs.replace(event, instant=now)
-            for message in messages
-            for event in message.events
-            if not isinstance(event, FrameUnconfirmed) and self._count_event(event)
-        ]
+        return found
 
     def wake(self) -> None:
         """Return None: it has no timed actions."""
@@ -382,7 +457,10 @@ class TransceiverLink:
         return forgotten
 
     def _count_event(self, event: RadioEvent) -> bool:
-        """Count an event; return False for the outcome of a frame not in flight."""
+        """Count an event; return False for an invalid one, or the outcome of a frame not in flight."""
+        if isinstance(event, FrameUnconfirmed) or not _is_recordable(event):
+            self.counters["invalid_events"] += 1
+            return False
         self.counters[type(event).__name__.lower()] += 1
         if isinstance(event, FrameReceived):
             return True
@@ -390,3 +468,11 @@ class TransceiverLink:
             return False
         self._in_flight.remove(event.tag)
         return True
+
+
+def _is_recordable(event: RadioEvent) -> bool:
+    """Return whether an event, perhaps from another computer, has an ordinary size."""
+    try:
+        return len(msgspec.msgpack.encode(event)) <= _MAX_EVENT_BYTES
+    except OverflowError:
+        return False

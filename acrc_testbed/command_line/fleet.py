@@ -170,6 +170,32 @@ def onboard(
         onboard_run.run(prepared, console.print)
 
 
+def radio(
+    fleet: FleetFile,
+    out: Annotated[
+        Path | None, option("DIR", "Write the recording to this new folder.  [default: in runs/]")
+    ] = None,
+    modules: Modules = None,
+    json: Json = False,
+) -> None:
+    """Simulate the radio of robots without boards until Ctrl-C.
+
+    Run it on the computer named by radio.network of the fleet file.
+    """
+    from deploy.fleet import onboard_run, radio_station
+    from deploy.run import out_folder
+
+    permission(modules)
+    loaded = _load(fleet)
+    if out is not None:
+        out_folder.make_folder(out)
+    folder = out or onboard_run.new_folder(Path("runs"))
+    with out_folder.remove_if_empty(folder):
+        outcome = radio_station.run(loaded, folder, create_console(stderr=True).print)
+    lines = [f"{name}: {counters}" for name, counters in outcome.items()]
+    answer([*lines, f"recording in {folder}"], outcome, json=json)
+
+
 def bundle(
     fleet: FleetFile,
     robot: Annotated[str, option("ID", "Make the bundle for this robot.")],
@@ -348,7 +374,7 @@ def _key_sentences(fleet: "Fleet", keys: "FleetKeys") -> Iterator[str]:
 
 
 app = typer.Typer(no_args_is_help=True, rich_markup_mode=None)
-for _command in (keys, units, bundle, doctor, onboard, watch, stop, pause, resume, collect):
+for _command in (keys, units, bundle, doctor, onboard, radio, watch, stop, pause, resume, collect):
     app.command()(_command)
 
 

@@ -247,6 +247,19 @@ class _BaseSetup(msgspec.Struct, frozen=True):
     task: RecordedTask | None = None
 
 
+class _BridgeSetup(msgspec.Struct, frozen=True):
+    """Part of the set-up in the recording of a robot's bridge."""
+
+    robot: str
+    keys: str | None = None
+
+
+class _LinkReport(msgspec.Struct, frozen=True):
+    """Part of the outcome in the recording of a robot's bridge."""
+
+    round_trips_ms: dict[int, int] = {}
+
+
 @dataclass
 class FieldTrial:
     """Recordings of a field trial."""
@@ -259,6 +272,8 @@ class FieldTrial:
     """Skipped steps by robot."""
     task: RecordedTask = UNNAMED_TASK
     """From the set-up of a base, or of a world."""
+    round_trips_ms: dict[str, Counter[int]] = field(default_factory=dict)
+    """Histogram of round trips to the simulated medium, by robot without a board."""
     notes: list[str] = field(default_factory=list)
     """Faults of the files, a sentence each."""
 
@@ -297,6 +312,12 @@ def read_field_trial(folders: Sequence[Path]) -> FieldTrial:
     for path, run in other_recordings:
         full_messages |= large_messages(path)
         _add_base_counters(path, run, trial)
+        _add_link_counters(path, run, trial)
+    if trial.round_trips_ms:
+        trial.notes.append(
+            f"{', '.join(sorted(trial.round_trips_ms))}: the radio was simulated over a network; range, loss "
+            "and air time are those of the model at the robots' estimated positions, not those of the room"
+        )
     for path, identity in sorted(robots, key=lambda one: (natural_key(one[1].id), one[1].epoch)):
         log = read_log(path, identity, full_messages)
         trial.logs.setdefault(identity.id, []).append(log)
@@ -402,6 +423,16 @@ def _add_base_counters(path: Path, run: RunNote, trial: FieldTrial) -> None:
         return
     trial.lateness_ms.setdefault(robot, Counter()).update(report.lateness_ms)
     trial.overruns[robot] += report.overruns
+
+
+def _add_link_counters(path: Path, run: RunNote, trial: FieldTrial) -> None:
+    """Add the round trips of a robot without a board, if this is its bridge's recording."""
+    with suppress(AcrcError, ValueError):
+        bridge = typed_json.decode(run.setup, _BridgeSetup)
+        if bridge.keys is not None:
+            counts = trial.round_trips_ms.setdefault(bridge.robot, Counter())
+            final = typed_json.decode(read_notes(path).get("final", ""), FinalNote)
+            counts.update(final.report(_LinkReport).round_trips_ms)
 
 
 def _unknown_sender_sentences(trial: FieldTrial) -> Iterator[str]:

@@ -86,6 +86,7 @@ def _robot(
     clock: tuple[ClockReport, ...],
 ) -> RobotResult:
     logs, lateness = trial.logs[robot], trial.lateness_ms.get(robot)
+    trips = trial.round_trips_ms.get(robot)
     drives = [drive for log in logs for _, drive in log.messages_of(Drive)]
     return field_trial_struct(
         RobotResult,
@@ -96,6 +97,8 @@ def _robot(
         lateness_p50_ms=None if lateness is None else nearest_rank(lateness, 50),
         lateness_p99_ms=None if lateness is None else nearest_rank(lateness, 99),
         overruns=trial.overruns.get(robot),
+        round_trip_p50_ms=nearest_rank(trips, 50) if trips else None,
+        round_trip_p99_ms=nearest_rank(trips, 99) if trips else None,
         clock=clock,
         recordings=tuple(_recording_report(log) for log in logs),
     )

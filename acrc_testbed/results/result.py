@@ -206,6 +206,9 @@ class RobotResult(msgspec.Struct, frozen=True):
     lateness_p99_ms: int | None = _ABSENT
     overruns: int | None = _ABSENT
     """Steps that its base skipped because the robot had not answered."""
+    round_trip_p50_ms: int | None = _ABSENT
+    """Round trip to the simulated medium, whole ms; None with a radio board, or without a recording."""
+    round_trip_p99_ms: int | None = _ABSENT
     clock: tuple[ClockReport, ...] = _ABSENT
     recordings: tuple[RecordingReport, ...] = _ABSENT
 

@@ -156,7 +156,7 @@ class SelectableBus:
     robot to stop.
     """
 
-    QUEUE: Final = 4096
+    QUEUE = 4096
 
     def __init__(self, session: zenoh.Session, listens: Sequence[Address]) -> None:
         self._session = session

@@ -40,7 +40,8 @@ from actors.task.loading import decode_items, load_task
 from actors.user_code import set_folders
 from actors.wording import toml_text
 from deploy.fleet import units
-from deploy.fleet.fleet_file import Fleet, FleetRobot, load_fleet, user_code_folders
+from deploy.fleet.fleet_file import NETWORK, Fleet, FleetRobot, load_fleet, user_code_folders
+from deploy.fleet.operator_station import connection_fault
 from deploy.fleet.units import GROUP
 from deploy.scenario.resolve import robot_setup
 from firmware_bridge.onboard.device_loop import OPENNI
@@ -230,7 +231,8 @@ def check_devices(robot: FleetRobot) -> Iterator[DoctorFinding]:
         yield from _ros2_findings(robot, robot.base)
     else:
         yield run_check("base", _check_port, robot.base, KOBUKI)
-    yield run_check("radio", _check_port, robot.radio, BOARD)
+    if robot.radio != NETWORK:
+        yield run_check("radio", _check_port, robot.radio, BOARD)
     if robot.range == OPENNI:
         yield run_check("range", _check_camera, robot)
     elif robot.range is not None:
@@ -373,6 +375,20 @@ def check_keys(fleet: Fleet, robot: FleetRobot) -> str:
     return f"{files.certificate} is valid until {ends:%Y-%m-%d}"
 
 
+def check_network_radio(fleet: Fleet, robot: FleetRobot) -> str:
+    """Check that the computer with the simulated medium accepts the robot's certificate, and vice versa."""
+    endpoint = str(fleet.radio.network)
+    fault = connection_fault(endpoint, load_keys(fleet.key_folder(robot.id)), "robot")
+    if fault:
+        remedy = "correct radio.network, or mend the network between both computers"
+        if "refused" in fault:
+            remedy = f"run `acrc fleet radio {fleet.path.name}` on that computer"
+        elif "certificate" in fault:
+            remedy = "set both clocks, and give both computers the folders of one `acrc fleet keys`"
+        raise AcrcError(f"{endpoint}: {fault}; {remedy}")
+    return f"{endpoint} accepts {robot.id}"
+
+
 def check_packet_key(fleet: Fleet, robot: FleetRobot) -> str:
     """Check that the key of packets is readable, valid and private."""
     file = fleet.key_folder(robot.id) / PACKET_KEY_FILE
@@ -384,7 +400,7 @@ def check_configuration(fleet: Fleet, robot: FleetRobot, permit: Permit) -> Iter
     """Check map, start, items, behaviour, and the keys that the robot needs."""
     yield from check_floor(fleet, robot)
     yield run_check("behaviour", check_behaviour, fleet, robot, permit)
-    if robot.listen is not None:
+    if robot.needs_keys:
         yield run_check("keys", check_keys, fleet, robot)
     if fleet.radio.authenticated:
         yield run_check("packet key", check_packet_key, fleet, robot)
@@ -402,6 +418,8 @@ def run_checks(
     if fleet is not None and robot is not None:
         yield from check_devices(robot)
         yield from check_configuration(fleet, robot, permit)
+        if robot.radio == NETWORK:
+            yield run_check("radio", check_network_radio, fleet, robot)
 
 
 def check_computer(path: Path | None, name: str | None, permit: Permit = INSTALLED, *, json: bool) -> bool:

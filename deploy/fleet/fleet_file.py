@@ -16,12 +16,12 @@ from msgspec.structs import replace
 from actors import settings
 from actors.installation.usage import OptionError
 from actors.instant import milliseconds
-from actors.radio.radio_model import RadioSetup
+from actors.radio.radio_model import RadioSetup, RadioTable
 from actors.robot.behaviour.code_permit import Permit, permitted_folders
 from actors.robot_model import Model, RobotDescription, SensorName, load_model
 from actors.runtime.errors import AcrcError
 from actors.runtime.process_setup import resolve_model
-from actors.settings import ParameterError, Settings, Text
+from actors.settings import ParameterError, Text
 from actors.task.loading import decode_items, load_task, task_entry, task_setup
 from actors.world.world_setup import BodySetup, WorldSetup
 from cleaning.strategies import entry
@@ -40,11 +40,15 @@ _LISTEN: Final = re.compile(
 
 
 _ABSOLUTE_PATH: Final = r"/[^\x00-\x1f\x7f]+"
+NETWORK: Final = "network"
+"""Value of `radio` for a robot without a board, whose frames a computer's simulated medium carries."""
 
 
-class FleetRadioTable(Settings, frozen=True):
-    """[radio]: settings of all BEE-click boards."""
+class FleetRadioTable(RadioTable, frozen=True):
+    """[radio]: settings of all BEE-click boards, or with `network` of the simulated medium."""
 
+    network: Annotated[str, Meta(description='"tls/HOST:PORT", such as "tls/10.0.0.5:7450"')] | None = None
+    """Endpoint of `acrc fleet radio`; HOST as robots reach that computer. None: robots have boards."""
     pan: Annotated[int, Meta(ge=0, le=0xFFFE, description="a whole number from 0 to 0xFFFE")] = 0xBABA
     """IEEE 802.15.4 PAN identifier. Default: as the original robots (d3scomp/beeclickarmROS)."""
     channel: Annotated[int, Meta(ge=11, le=26)] = 11
@@ -60,6 +64,12 @@ class FleetRadioTable(Settings, frozen=True):
             power_setting(self.power_db)
         except ParameterError as error:
             raise self.wrong("power_db", error.expected) from None
+        if self.network is None:
+            self.check_unused({*RadioTable.__struct_fields__} - {"channel"}, "radio.network is absent")
+            return
+        self.check_unused(("power_db",), "radio.network is set")
+        if not _is_endpoint(self.network):
+            raise self.wrong("network")
 
 
 class FleetRobot(RobotDescription, frozen=True, kw_only=True):
@@ -81,9 +91,13 @@ class FleetRobot(RobotDescription, frozen=True, kw_only=True):
     ]
     """Port of the Kobuki, or the ROS 2 topics of another base and its lidar."""
     radio: Annotated[
-        str, Meta(pattern=rf"\A{_ABSOLUTE_PATH}\Z", description='the path of a port, such as "/dev/beeclick"')
+        str,
+        Meta(
+            pattern=rf"\A({_ABSOLUTE_PATH}|{NETWORK})\Z",
+            description='the path of a port, such as "/dev/beeclick", or "network"',
+        ),
     ]
-    """Port of the BEE-click board."""
+    """Port of the BEE-click board; "network": none, frames go through the medium at `radio.network`."""
     range: (
         Annotated[
             str,
@@ -109,6 +123,11 @@ class FleetRobot(RobotDescription, frozen=True, kw_only=True):
     def extras(self) -> tuple[str, ...]:
         """Extras of the packages that its computer needs."""
         return ("base", "hardware", "logs") if isinstance(self.base, Ros2Base) else ("base", "hardware")
+
+    @property
+    def needs_keys(self) -> bool:
+        """True if it connects to other computers."""
+        return self.listen is not None or self.radio == NETWORK
 
     @property
     def listen_host(self) -> str | None:
@@ -186,8 +205,20 @@ class Fleet(_FleetFile, frozen=True, kw_only=True):
             stack=self.stack,
         )
 
+    @property
+    def medium(self) -> RadioSetup:
+        """Set-up of the simulated medium in place of boards."""
+        return RadioSetup(
+            **{name: getattr(self.radio, name) for name in RadioTable.__struct_fields__},
+            seed=self.seed,
+            step_us=milliseconds(self.step_ms),
+            robots=tuple((one.id, one.address) for one in self.robots),
+            map=self.map,
+            detail="full",
+        )
+
     def key_folder(self, machine: str) -> Path:
-        """Return the folder with the keys of a robot, by id, or of the "operator"."""
+        """Return the folder with the keys of a robot, by id, of the "operator", or of the "radio"."""
         return Path(self.keys) / machine
 
 
@@ -230,6 +261,11 @@ def _fault(file: _FleetFile) -> str | None:
         return fault
     for index, robot in enumerate(file.robot):
         key, earlier = f"robot[{index}]", file.robot[:index]
+        if (robot.radio == NETWORK) is (file.radio.network is None):
+            return (
+                f'{key}.radio is "{robot.radio}", but must be "{NETWORK}" for all robots where radio.network '
+                "is set, and a port where it is absent"
+            )
         for one in earlier:
             if one.address == robot.address:
                 return (

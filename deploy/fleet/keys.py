@@ -14,7 +14,7 @@ from typing import Final
 from actors.installation.usage import wrong_value
 from actors.runtime.errors import AcrcError
 from actors.runtime.isolation.credentials import PACKET_KEY_FILE, write_secret
-from actors.runtime.isolation.tls import AUTHORITY_FILE, CERTIFICATE_FILE, OPERATOR
+from actors.runtime.isolation.tls import AUTHORITY_FILE, CERTIFICATE_FILE, OPERATOR, RADIO_STATION
 from deploy.fleet.fleet_file import Fleet, FleetRobot
 from deploy.hosts import certificates
 
@@ -29,7 +29,7 @@ class MachineKeys:
     """Key and certificate of one machine."""
 
     machine: str
-    """Id of the robot, or "operator"."""
+    """Id of the robot, "operator", or "radio"."""
     folder: Path
     hosts: tuple[str, ...]
     """Names and addresses for which its certificate is valid; () for the operator."""
@@ -81,12 +81,15 @@ def create_keys(
         certificates.PemKeys(issuer.certificate_pem, b"", issuer.private_pem).write(draft / AUTHORITY_FOLDER)
         packet_key = secrets.token_hex(16)
         for machine in fleet_keys.machines:
-            purpose = certificates.CLIENT if machine.machine == OPERATOR else certificates.SERVER
+            is_robot = machine.machine not in {OPERATOR, RADIO_STATION}
+            purposes = [certificates.CLIENT if machine.machine == OPERATOR else certificates.SERVER]
+            if is_robot and fleet.radio.network is not None:
+                purposes.append(certificates.CLIENT)
             machine_key = certificates.issue_certificate(
-                issuer, machine.machine, [purpose], machine.hosts, now, days
+                issuer, machine.machine, purposes, machine.hosts, now, days
             )
             certificates.pem_keys(issuer, machine_key).write(draft / machine.machine)
-            if machine.machine != OPERATOR:
+            if is_robot:
                 write_secret(draft / machine.machine / PACKET_KEY_FILE, packet_key)
         (draft / ".gitignore").write_text("# Never commit private keys.\n*\n")
     return fleet_keys
@@ -108,7 +111,7 @@ def replace_keys(
     as `create_keys`.
     """
     for machine in revoked:
-        if machine != OPERATOR:
+        if machine not in {OPERATOR, RADIO_STATION}:
             fleet.robot_named(machine)
     if not (out / AUTHORITY_FOLDER / AUTHORITY_FILE).is_file():
         raise AcrcError(f"{out}: no keys to revoke; run `acrc fleet keys` without --revoke first")
@@ -142,6 +145,9 @@ def _describe_keys(
     fleet: Fleet, out: Path, hosts: Mapping[str, Sequence[str]], now: datetime, days: int
 ) -> FleetKeys:
     machines = [_robot_keys(robot, out, hosts.get(robot.id, ())) for robot in fleet.robots]
+    if fleet.radio.network is not None:
+        host = fleet.radio.network.removeprefix("tls/").rpartition(":")[0].strip("[]")
+        machines.append(MachineKeys(RADIO_STATION, out / RADIO_STATION, (host,), listens_unnamed=False))
     return FleetKeys(
         home=out / AUTHORITY_FOLDER,
         valid_until=now + timedelta(days=days),

@@ -47,14 +47,17 @@ class Ports(NamedTuple):
 
     base: str | Ros2Base
     radio: str
+    """Port, or with `radio_keys` an endpoint `tls/HOST:PORT`."""
     range: str | None
     settings: BoardSettings
     board: bool = True
-    """False if the radio port is a laboratory's transceiver without a board."""
+    """False for a simulated transceiver without a board."""
     listen: str | None = None
     """Endpoint for the operator's laptop; None = no connections."""
     keys: str | None = None
     """Folder with the robot's keys."""
+    radio_keys: str | None = None
+    """The same, to connect to a simulated medium; None = a port."""
 
 
 @dataclass(frozen=True)
@@ -157,7 +160,9 @@ def base_program(onboard: OnboardRobot, start: int) -> Program:
 def bridge_program(onboard: OnboardRobot, start: int) -> Program:
     """Return the bridge's program."""
     plan, ports, folder = onboard.plan, onboard.ports, onboard.folder(BRIDGE)
-    bridge = BridgeSetup(onboard.robot.id, plan.world.step_us, ports.radio, ports.settings, ports.board)
+    bridge = BridgeSetup(
+        onboard.robot.id, plan.world.step_us, ports.radio, ports.settings, ports.board, ports.radio_keys
+    )
     record = f"{_numbered_name(folder.name, start)}.mcap"
     process = client_setup(plan, f"../{onboard.folder(BASE).name}", record)
     return actor_program(BRIDGE, "firmware_bridge.onboard.bridge", folder, ActorSetup(bridge, process))

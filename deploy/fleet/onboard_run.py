@@ -290,8 +290,17 @@ def prepare(fleet: Fleet, name: str, options: OnboardOptions, say: Say) -> Onboa
     check_pose(load_map(str(fleet.map)), robot.start_point, model.footprint.circumradius, name)
     radio = fleet.radio
     settings = BoardSettings(robot.address, radio.channel, radio.pan, radio.power_db)
-    keys_folder = None if robot.listen is None else str(fleet.key_folder(name))
-    ports = Ports(robot.base, robot.radio, robot.range, settings, listen=robot.listen, keys=keys_folder)
+    keys_folder = str(fleet.key_folder(name))
+    ports = Ports(
+        robot.base,
+        radio.network or robot.radio,
+        robot.range,
+        settings,
+        board=radio.network is None,
+        listen=robot.listen,
+        keys=None if robot.listen is None else keys_folder,
+        radio_keys=None if radio.network is None else keys_folder,
+    )
     counter = EpochCounter(name, options.out.parent, say)
     if options.at is not None:
         pose_file.unlink(missing_ok=True)

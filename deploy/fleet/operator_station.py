@@ -27,8 +27,8 @@ _REFUSAL_TIMEOUT_S = 0.3
 """Timeout for a robot's rejection of our certificate, which in TLS 1.3 follows the handshake, s."""
 
 
-def connection_fault(endpoint: str, keys: Keys) -> str:
-    """Return why this computer cannot connect to `tls/HOST:PORT`; empty if a handshake succeeds."""
+def connection_fault(endpoint: str, keys: Keys, machine: str = "laptop") -> str:
+    """Return why this `machine` cannot connect to `tls/HOST:PORT`; empty if a handshake succeeds."""
     host, _, port = endpoint.removeprefix("tls/").rpartition(":")
     host = host.strip("[]")
     try:
@@ -39,7 +39,7 @@ def connection_fault(endpoint: str, keys: Keys) -> str:
             context.wrap_socket(plain, server_hostname=host) as secure,
         ):
             secure.settimeout(_REFUSAL_TIMEOUT_S)
-            return _refusal(secure)
+            return _refusal(secure, machine)
     except ssl.SSLCertVerificationError as error:
         return f"its certificate is rejected: {error.verify_message.rstrip('.')}"
     except ssl.SSLError as error:
@@ -50,13 +50,13 @@ def connection_fault(endpoint: str, keys: Keys) -> str:
         return (error.strerror or str(error)).lower()
 
 
-def _refusal(secure: ssl.SSLSocket) -> str:
+def _refusal(secure: ssl.SSLSocket, machine: str) -> str:
     try:
         return "" if secure.recv(1) else "it closed the connection"
     except TimeoutError:
         return ""  # a router waits for the client's first message
     except ssl.SSLError as error:
-        return f"it rejects this laptop's certificate: {(error.reason or '').replace('_', ' ').lower()}"
+        return f"it rejects this {machine}'s certificate: {(error.reason or '').replace('_', ' ').lower()}"
 
 
 _ORDER_TIMEOUT_S: Final = 2.0

@@ -120,7 +120,7 @@ def _configuration(fleet: Fleet, robot: FleetRobot) -> tuple[_Files, str]:
     paths = {Path(os.path.normpath(path)) for path in (fleet.path, *map_files(local(tables["map"])))}
     paths |= {local(one["model"]) for one in tables["robot"] if one.get("model", "").endswith(".toml")}
     private = set[Path]()
-    needed = [] if robot.listen is None else [AUTHORITY_FILE, CERTIFICATE_FILE, PRIVATE_KEY_FILE]
+    needed = [AUTHORITY_FILE, CERTIFICATE_FILE, PRIVATE_KEY_FILE] if robot.needs_keys else []
     needed += [PACKET_KEY_FILE] if fleet.radio.authenticated else []
     if needed:
         keys = local(tables.get("keys", Path(fleet.keys).name)) / robot.id

@@ -15,7 +15,7 @@ import msgspec
 
 from actors.installation.usage import OptionError, wrong_value
 from actors.runtime.errors import AcrcError
-from deploy.fleet.fleet_file import Fleet, FleetRobot
+from deploy.fleet.fleet_file import NETWORK, Fleet, FleetRobot
 from firmware_bridge.onboard.device_loop import OPENNI
 from firmware_bridge.ros2.settings import Ros2Base
 from firmware_bridge.serial_port import BOARD, KOBUKI, RPLIDAR, PortDevice
@@ -124,7 +124,7 @@ class PortAssignment(NamedTuple):
 
 def _assignments(robot: FleetRobot, plugged: Sequence[UsbPort]) -> Iterator[PortAssignment]:
     for device, port in ((BOARD, robot.radio), (RPLIDAR, robot.range)):
-        if port is None or port == OPENNI:
+        if port in {None, OPENNI, NETWORK}:
             continue
         candidates = [one for one in plugged if matches_chip(device, one)]
         traits = [f"{one.path} ({_identity(one)[1]})" for one in candidates]
@@ -240,8 +240,8 @@ def service_text(
     devices = " ".join(map(_device_unit, ports))
     after, wants = "time-set.target", ""
     listens = robot.listen is not None and not robot.listens_everywhere
-    if listens or isinstance(robot.base, Ros2Base):
-        # Listening at a specific address, and a robot's router, need a configured network.
+    if listens or isinstance(robot.base, Ros2Base) or robot.radio == NETWORK:
+        # Listening at a specific address, a robot's router, and a radio medium need a configured network.
         after, wants = f"{after} network-online.target", "network-online.target"
     own = (word for folder in modules for word in ("--modules", str(folder)))
     start = (str(program), "fleet", "onboard", str(fleet.path), "--robot", robot.id, *own)

@@ -23,9 +23,9 @@ from actors.runtime.isolation.credentials import PRIVATE_KEY_FILE, write_secret
 from actors.runtime.isolation.tls import AUTHORITY_FILE, CERTIFICATE_FILE
 
 SERVER = ExtendedKeyUsageOID.SERVER_AUTH
-"""Purpose of a robot, which accepts connections; its key cannot be used to connect to other robots."""
+"""Purpose of a robot, which accepts connections; with no other, its key cannot connect to other robots."""
 CLIENT = ExtendedKeyUsageOID.CLIENT_AUTH
-"""Purpose of an operator station, which connects to robots."""
+"""Purpose of an operator station, which connects to robots, and of robots that connect to a radio medium."""
 _BACKDATED = timedelta(days=1)
 """Backdating of certificates, for clocks that are behind."""
 

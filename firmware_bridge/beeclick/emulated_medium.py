@@ -12,7 +12,7 @@ import msgspec
 import numpy as np
 
 from actors.instant import START, Instant
-from actors.messages import FrameReceived, Jam, RadioEvent, RobotTruth
+from actors.messages import FrameOutcome, FrameReceived, Jam, RadioEvent, RobotTruth
 from actors.radio.frame import DataFrame, rssi_codes
 from actors.radio.radio_model import RadioModel, RadioSetup, preset, radio_model
 from actors.radio.robot_medium import FrameCounters, RobotMedium, SubmittedFrame, TransceiverTruth
@@ -65,9 +65,9 @@ class DeviceMedium(Protocol):
 class _Channel:
     """Medium of one channel; devices on other channels are off in it."""
 
-    def __init__(self, addresses: Sequence[int], model: RadioModel, seed: int, jams: Sequence[Jam]) -> None:
-        self.robots = RobotMedium(addresses, model, seed)
-        self.preset_dbm = model.parameters.transceiver.tx_power_dbm
+    def __init__(self, robots: RobotMedium, preset_dbm: float, jams: Sequence[Jam]) -> None:
+        self.robots = robots
+        self.preset_dbm = preset_dbm
         self.submitted: list[SubmittedFrame] = []
         self.jams = list(jams)
 
@@ -90,6 +90,8 @@ class EmulatedMedium:
         returns the radio model of a channel, 11 to 26.
         """
         self.devices: list[RadioDevice] = []
+        self.keeps_outcomes = False
+        """Collect frame outcomes for `take_outcomes`; set it before the first frame."""
         self._addresses = tuple(addresses)
         self._model = model
         self._seed = seed
@@ -173,10 +175,16 @@ class EmulatedMedium:
                 total[robot].update(own)
         return {robot: dict(counts) for robot, counts in total.items()}
 
+    def take_outcomes(self) -> tuple[FrameOutcome, ...]:
+        """Return the outcome of each frame that has ended since the last call, by channel."""
+        return tuple(one for channel in self._channels.values() for one in channel.robots.take_outcomes())
+
     def _channel(self, code: int) -> _Channel:
         if code not in self._channels:
             model = self._model(FIRST_CHANNEL + code)
-            self._channels[code] = _Channel(self._addresses, model, self._seed, self._jams)
+            keeps = self.keeps_outcomes
+            robots = RobotMedium(self._addresses, model, self._seed, keeps_outcomes=keeps)
+            self._channels[code] = _Channel(robots, model.parameters.transceiver.tx_power_dbm, self._jams)
         return self._channels[code]
 
     def _number(self, device: RadioDevice) -> int:
@@ -212,5 +220,6 @@ def create_medium(setup: RadioSetup) -> EmulatedMedium:
         return radio_model(msgspec.structs.replace(setup, channel=channel))
 
     medium = EmulatedMedium([address for _, address in setup.robots], model, setup.seed)
+    medium.keeps_outcomes = setup.detail == "full"
     medium.prepare(setup.channel or preset(setup.preset).channel)
     return medium

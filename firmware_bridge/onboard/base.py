@@ -124,7 +124,7 @@ class Base:
         self._stopped = True
 
 
-def check_endpoint(listen: str | None) -> None:
+def check_endpoint(listen: str | None, key: str = "listen") -> None:
     """Raise AcrcError if the endpoint `tls/HOST:PORT` is unavailable for listening."""
     if listen is None:
         return
@@ -137,7 +137,7 @@ def check_endpoint(listen: str | None) -> None:
     except OSError as error:
         why = (error.strerror or str(error)).lower()
         raise AcrcError(
-            f"{listen}: cannot listen there: {why}; stop the program that uses the port, or change `listen` "
+            f"{listen}: cannot listen there: {why}; stop the program that uses the port, or change `{key}` "
             "in the fleet file"
         ) from None
 

@@ -11,7 +11,7 @@ from typing import Final, Protocol
 import msgspec
 
 from actors.geometry import Pose
-from actors.instant import Duration, Instant, in_seconds, milliseconds
+from actors.instant import Duration, Instant, in_seconds, milliseconds, seconds
 from actors.messages import (
     AIRED,
     CONTROL,
@@ -55,6 +55,8 @@ class BaseReport(msgspec.Struct):
 
 BRIDGE_TIMEOUT: Final = milliseconds(20)
 """Timeout of the bridge's report: a fifth of a step; typical is 1 ms."""
+ESTIMATE_TIMEOUT: Final = seconds(1.0)
+"""Age after which a simulated radio does not use a pose estimate; own choice: ten steps."""
 
 
 class Vehicle(Protocol):
@@ -99,7 +101,6 @@ class BaseCore(TimedCore):
         self._robot = robot
         self._step_us = step_us
         self._begin = begin
-        self._start = start
         self._vehicle = vehicle
         self._sensed: int | None = None
         """Last step whose SensorData were sent."""
@@ -119,6 +120,8 @@ class BaseCore(TimedCore):
         """Time of the unanswered request to the bridge."""
         self._odometry = Odometry(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
         """Odometry in the last SensorData."""
+        self._origin = start, self._odometry
+        self._estimated_at = begin - ESTIMATE_TIMEOUT
         self.last_estimate: tuple[Pose, Odometry] | None = None
         """Latest pose estimate of the robot, map frame, with its odometry; None before the first."""
         self._stopping = False
@@ -247,7 +250,7 @@ class BaseCore(TimedCore):
         if not self._paused:
             self._vehicle.command(self.now, self._instant(drive.step), drive.vx, drive.omega)
         if drive.pose is not None:
-            self.last_estimate = Pose(*drive.pose), self._odometry
+            self.last_estimate, self._estimated_at = (Pose(*drive.pose), self._odometry), self.now
         self._transmits = drive.transmits
         self._items_done += len(drive.reports)
         self._items_left = self._items_left if drive.route is None else len(drive.route)
@@ -286,9 +289,13 @@ class BaseCore(TimedCore):
         return (to(PROGRESS, self._progress()),)  # confirms the order
 
     def _truth(self) -> RobotTruth:
-        """Return the odometry pose in place of ground truth, for observers."""
-        odometry = self._vehicle.odometry()
-        x, y, heading = self._start.compose(Pose(odometry.x, odometry.y, odometry.heading))
+        """Return the latest pose estimate, moved by odometry since, in place of ground truth.
+
+        `stepping`: the estimate is younger than ESTIMATE_TIMEOUT.
+        """
+        odometry, (estimate, then) = self._vehicle.odometry(), self.last_estimate or self._origin
+        moved = Pose(then.x, then.y, then.heading).relative(Pose(odometry.x, odometry.y, odometry.heading))
+        x, y, heading = estimate.compose(moved)
         c, s = cos_sin(heading)
         vx, vy = c * odometry.vx - s * odometry.vy, s * odometry.vx + c * odometry.vy
         return RobotTruth(
@@ -299,7 +306,7 @@ class BaseCore(TimedCore):
             vx=vx,
             vy=vy,
             omega=odometry.omega,
-            stepping=True,
+            stepping=self.now < self._estimated_at + ESTIMATE_TIMEOUT,
             powered=True,
             transmits=self._transmits,
             epoch=self._epoch,

@@ -10,8 +10,10 @@ import functools
 import heapq
 import os
 import sys
-from collections.abc import Sequence
-from typing import Final
+from collections.abc import Callable, Sequence
+from contextlib import ExitStack
+from pathlib import Path
+from typing import Any, Final
 
 import msgspec
 
@@ -43,11 +45,12 @@ from actors.runtime.background import LossyRecorder, write_stderr
 from actors.runtime.core import Address, Inputs, Output, at, to
 from actors.runtime.errors import AcrcError
 from actors.runtime.isolation.rules import client_config
+from actors.runtime.isolation.tls import load_keys, medium_client_config
 from actors.runtime.linux import die_with_parent
 from actors.runtime.process import ActorProcess, run_actor, run_note
 from actors.runtime.process_setup import read_setup, setup_parser
 from actors.runtime.shell import Shell
-from actors.runtime.zenoh_bus import SelectableBus
+from actors.runtime.zenoh_bus import SelectableBus, open_session
 from firmware_bridge.beeclick.answer_decoder import BoardEvent
 from firmware_bridge.beeclick.board_link import BoardLink
 from firmware_bridge.device_lines import TransceiverLink
@@ -59,7 +62,7 @@ from firmware_bridge.onboard.device_loop import (
     TimedCore,
     run_event_loop,
 )
-from firmware_bridge.serial_port import BoardPort
+from firmware_bridge.serial_port import BoardPort, PortError
 
 MAX_EVENTS: Final = 256
 """Maximum number of queued events; about one second of a busy channel."""
@@ -132,8 +135,10 @@ class BridgeCore(TimedCore):
 
     def outcome(self) -> dict[str, object]:
         """Return all counters."""
+        link = self._link
         return {
-            "board": dict(self._link.counters),
+            "board": dict(link.counters),
+            "round_trips_ms": dict(link.round_trips_ms) if isinstance(link, TransceiverLink) else {},
             "frames": {
                 "events_dropped": self.dropped_events,
                 "events_forgotten": self.forgotten_events,
@@ -163,6 +168,8 @@ class BridgeCore(TimedCore):
                 self._events.clear()
                 self._tags.clear()
             self._epoch = robot.epoch
+            if robot.stepping and isinstance(self._link, TransceiverLink):
+                self._link.position = robot.x, robot.y
         self.step = truth.step + 1
         events, self._events = tuple(self._events), []
         if not events:
@@ -191,6 +198,35 @@ class BridgeCore(TimedCore):
             self._events.append(event)
 
 
+class NetworkPort(BoardPort):
+    """Connection to a simulated radio medium over a network; it stays open, and reconnects by itself."""
+
+    def __init__(self, robot: str, session: Any) -> None:
+        """`session`: as of `open_session`."""
+        self.path, self._robot, self._pending = "radio.network", robot, b""
+        self._bus = SelectableBus(session, (at(RECEIVED, robot),))
+
+    def read(self) -> bytes:
+        """Return received bytes."""
+        return b"".join(delivery.payload for delivery in self._bus.take())
+
+    def write(self, data: bytes) -> None:
+        """Send bytes; blocks for 20 ms at most, and then closes the connection."""
+        if data:
+            self._bus.publish(TRANSMIT.key(self._robot), data)
+
+    def fileno(self) -> int:
+        """Return the descriptor to wait for."""
+        return self._bus.fileno()
+
+    def close(self) -> None:
+        """Keep the connection."""
+
+    def reopen(self) -> BoardPort:
+        """Return this port."""
+        return self
+
+
 class Bridge:
     """Bridge process: the core, and the board's port, which is reopened after a loss."""
 
@@ -198,9 +234,13 @@ class Bridge:
         self._clock = clock
         self._link = BoardLink(setup.settings) if setup.board else TransceiverLink()
         self.core = BridgeCore(setup.robot, self._link)
-        self._line = ReconnectingPort(
-            functools.partial(BoardPort, setup.radio), lambda sentence: write_stderr(f"{sentence}\n")
-        )
+        self._stack = ExitStack()
+        open_port: Callable[[], BoardPort] = functools.partial(BoardPort, setup.radio)
+        if setup.keys is not None:
+            config = medium_client_config(load_keys(Path(setup.keys)), setup.radio)
+            session = self._stack.enter_context(open_session(config))
+            open_port = NetworkPort(setup.robot, session).reopen
+        self._line = ReconnectingPort(open_port, lambda sentence: write_stderr(f"{sentence}\n"))
 
     def drive(self, shell: Shell, bus: SelectableBus) -> None:
         """Run until the base ends the run."""
@@ -209,6 +249,7 @@ class Bridge:
             run_event_loop(shell, bus, core, self, self._clock, lambda: core.has_news)
         finally:
             self._line.close()
+            self._stack.close()
 
     def descriptors(self) -> Sequence[int]:
         """Return the descriptors to wait for."""
@@ -224,8 +265,12 @@ class Bridge:
             self.core.port_lost()
 
     def _exchange_bytes(self, port: BoardPort) -> bool:
-        """Exchange bytes between core and port; return True."""
+        """Exchange bytes between core and port; return True. Raises PortError."""
         self.core.receive(port.read())
+        if isinstance(self._link, TransceiverLink) and self._link.is_silent(self.core.now):
+            raise PortError(
+                f"{port.path}: the simulated radio medium has not answered for 2 s; check the network"
+            )
         port.write(self.core.due() if port.is_idle else b"")
         return True
 

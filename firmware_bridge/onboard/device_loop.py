@@ -57,10 +57,12 @@ class BridgeSetup(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     robot: str
     step_us: int
     radio: str
-    """Path of the board's port."""
+    """Path of the board's port, or with `keys` the endpoint of a simulated medium, `tls/HOST:PORT`."""
     settings: BoardSettings
     board: bool = True
-    """False if the port is a laboratory's transceiver without a board."""
+    """False if it is a simulated transceiver without a board."""
+    keys: str | None = None
+    """Folder with the robot's keys, to connect to the medium over a network; None = a port."""
 
 
 BaseProcessSetup = ActorSetup[BaseSetup, ProcessSetup]
@@ -70,10 +72,10 @@ BridgeProcessSetup = ActorSetup[BridgeSetup, ProcessSetup]
 
 
 class Clock:
-    """Monotonic microseconds since the Unix epoch, unaffected by changes of the system clock."""
+    """Monotonic microseconds, since the Unix epoch or since now, unaffected when the clock is set."""
 
-    def __init__(self) -> None:
-        self._ahead_ns = time.time_ns() - time.monotonic_ns()
+    def __init__(self, *, from_zero: bool = False) -> None:
+        self._ahead_ns = (0 if from_zero else time.time_ns()) - time.monotonic_ns()
 
     def now(self) -> Instant:
         """Return the current time."""

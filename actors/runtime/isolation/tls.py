@@ -11,6 +11,7 @@ from typing import Final
 
 import zenoh
 
+from actors.runtime.codec import MESSAGE_LIMIT
 from actors.runtime.errors import AcrcError
 from actors.runtime.isolation.credentials import PRIVATE_KEY_FILE, Credentials
 from actors.runtime.isolation.rules import (
@@ -33,6 +34,14 @@ CERTIFICATE_FILE: Final = "certificate.pem"
 """The machine's own certificate."""
 OPERATOR: Final = "operator"
 """Common name of the operator station, which may observe and stop the robots."""
+
+
+RADIO_STATION: Final = "radio"
+"""Name of the keys of the computer with the simulated radio medium."""
+
+
+_WAIT: Final = "transport/link/tx/queue/congestion_control/block/wait_before_close"
+_MESSAGE_SIZE: Final = "transport/link/rx/max_message_size"
 
 
 @dataclass(frozen=True)
@@ -93,21 +102,43 @@ def load_keys(folder: Path) -> Keys:
     return Keys(*files)
 
 
-def listening_router_config(issued: Credentials, keys: Keys, endpoints: Sequence[str]) -> zenoh.Config:
+def listening_router_config(
+    issued: Credentials, keys: Keys, endpoints: Sequence[str], robots: Sequence[str] = ()
+) -> zenoh.Config:
     """Return the configuration of a robot's router that listens for an operator at `tls/HOST:PORT`.
 
-    It admits every certificate of the authority, but only OPERATOR's has permissions. Appends a line to
+    It admits every certificate of the authority, but only OPERATOR's has permissions. With `robots` it is the
+    router of a simulated radio medium: each of these has access to its own keys. Appends a line to
     `issued.dictionary`: call it once.
     """
     _admit_certified(issued)
-    config = router_config(issued, endpoints, [certified_client(OPERATOR, client_grant(OPERATOR))])
+    clients = [certified_client(robot, robots_grant(robot)) for robot in robots]
+    operator = certified_client(OPERATOR, client_grant(OPERATOR))
+    config = router_config(issued, endpoints, clients or [operator])
+    set_value(config, _MESSAGE_SIZE, MESSAGE_LIMIT)
     set_value(config, "transport/link/tls", keys.listening)
     # Low latency would write on the publishing thread: an operator station that stops reading would stop the
     # robot forever. With a queue it delays the robot once, by `patience_us`.
     set_value(config, "transport/unicast/lowlatency", False)
     set_value(config, "transport/link/tx/lease", round(1000 * SessionParameters.lease_over_network_s))
-    wait = "transport/link/tx/queue/congestion_control/block/wait_before_close"
-    set_value(config, wait, TlsLinkParameters.patience_us)
+    set_value(config, _WAIT, TlsLinkParameters.patience_us)
+    return config
+
+
+def medium_client_config(keys: Keys, endpoint: str) -> zenoh.Config:
+    """Return the configuration of a robot's link to the simulated radio medium at `tls/HOST:PORT`.
+
+    Unlike a client's, such a session opens without the other side, and connects whenever that listens.
+    """
+    config = laptop_config(keys, endpoint)
+    for key, value in {
+        "mode": "peer",
+        "scouting/delay": 0,
+        "connect/retry": {"period_init_ms": 1000, "period_max_ms": 1000, "period_increase_factor": 1},
+        _WAIT: TlsLinkParameters.patience_us,
+        _MESSAGE_SIZE: MESSAGE_LIMIT,
+    }.items():
+        set_value(config, key, value)
     return config
 
 
