@@ -311,19 +311,15 @@ class SimulatedTransceiver:
         self.unsettled = self.refused = 0
         """Numbers of frames on the medium, and of refused frames."""
         self._radio = radio
-        self._messages = _MessageParser(TransceiverInput)
+        self.lines = _MessageParser(TransceiverInput)
+        """Parser of the host's lines."""
         self._session: int | None = None
         self._sent = 0
         self._events: list[RadioEvent] = []
 
-    @property
-    def invalid_lines(self) -> int:
-        """Number of invalid lines from the host."""
-        return self._messages.invalid_lines
-
     def take(self, now: Instant, data: bytes) -> None:
         """Accept bytes from the host."""
-        for message in self._messages.take(data):
+        for message in self.lines.take(data):
             if message.step != self._session:
                 self._session = message.step
                 self._events.clear()
@@ -333,12 +329,13 @@ class SimulatedTransceiver:
             if message.position is not None:
                 self.position, self.located_at = message.position, now
             for frame in message.frames:
-                if fault := size_fault(len(frame.data)) or self.fault or _tag_fault(frame.tag):
+                crowd = "" if self.unsettled < MAX_UNSETTLED else "Too many frames are waiting."
+                if fault := size_fault(len(frame.data)) or self.fault or crowd:
                     self.refused += 1
                     self._events.append(FrameRefused(now, frame.tag, fault))
                 else:
                     self.unsettled += 1
-                    self._radio.transmit(self, now, frame.tag, frame.data)
+                    self._radio.transmit(self, now, frame.tag & _TAGS, frame.data)
 
     def run(self, now: Instant) -> bytes:
         """Return the bytes for the host."""
@@ -365,17 +362,14 @@ class SimulatedTransceiver:
             self._events.append(FrameReceived(now, frame.source, rssi_dbm(rssi), lqi, frame.data))
 
 
+_TAGS: Final = 2**63 - 1
+"""Largest recordable tag; a host, perhaps on another computer, gets other tags back if its own are not."""
 _REPORT_INTERVAL: Final = milliseconds(100)
 """Longest interval of lines to a transceiver, and shortest one of positions: a step; own choice."""
 _SILENCE: Final = seconds(2.0)
-"""Time without an answer after which a transceiver counts as lost; own choice."""
+"""Time without an answer after which a transceiver is lost, and once or twice of it, a frame; own choice."""
 _MAX_EVENT_BYTES: Final = 240
 """Maximum size of an event, above that of the largest frame; a message of 256 such events is valid."""
-
-
-def _tag_fault(tag: int) -> str:
-    """Return why a frame's tag, perhaps from another computer, cannot be recorded; empty if it can."""
-    return "" if 0 <= tag < 2**63 else "The tag must be from 0 to 2^63 - 1."
 
 
 class TransceiverLink:
@@ -391,7 +385,9 @@ class TransceiverLink:
         self._messages = _MessageParser(TransceiverOutput)
         self._session: int | None = None
         self._is_up = False
-        self._due = self._answered = Instant(0)
+        self._due = self._answered = self._checked = Instant(0)
+        self._late: Sequence[int] = ()
+        """Tags that were in flight at `_checked`."""
         self._waiting: list[OutgoingFrame] = []
         self._in_flight: list[int] = []
 
@@ -445,6 +441,11 @@ class TransceiverLink:
             events = filter(self._count_event, message.events)
             found += [msgspec.structs.replace(event, instant=now) for event in events]
         self.counters["bad_lines"] = self._messages.invalid_lines
+        if now > self._checked + _SILENCE:
+            lost = [tag for tag in self._in_flight if tag in self._late]
+            found += [FrameUnconfirmed(now, tag) for tag in lost]
+            self._in_flight = [tag for tag in self._in_flight if tag not in lost]
+            self._checked, self._late = now, (*self._in_flight,)
         return found
 
     def wake(self) -> None:

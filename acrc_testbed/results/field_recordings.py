@@ -247,16 +247,11 @@ class _BaseSetup(msgspec.Struct, frozen=True):
     task: RecordedTask | None = None
 
 
-class _BridgeSetup(msgspec.Struct, frozen=True):
-    """Part of the set-up in the recording of a robot's bridge."""
-
-    robot: str
-    keys: str | None = None
-
-
 class _LinkReport(msgspec.Struct, frozen=True):
-    """Part of the outcome in the recording of a robot's bridge."""
+    """Parts of the set-up and of the outcome in the recording of a robot's bridge."""
 
+    robot: str = ""
+    keys: str | None = None
     round_trips_ms: dict[int, int] = {}
 
 
@@ -428,7 +423,7 @@ def _add_base_counters(path: Path, run: RunNote, trial: FieldTrial) -> None:
 def _add_link_counters(path: Path, run: RunNote, trial: FieldTrial) -> None:
     """Add the round trips of a robot without a board, if this is its bridge's recording."""
     with suppress(AcrcError, ValueError):
-        bridge = typed_json.decode(run.setup, _BridgeSetup)
+        bridge = typed_json.decode(run.setup, _LinkReport)
         if bridge.keys is not None:
             counts = trial.round_trips_ms.setdefault(bridge.robot, Counter())
             final = typed_json.decode(read_notes(path).get("final", ""), FinalNote)

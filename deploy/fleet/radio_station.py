@@ -47,7 +47,7 @@ _OFF: Final = -1
 class LineBus(SelectableBus):
     """Bus for lines of robots, which may send too many."""
 
-    QUEUE = 64
+    QUEUE = 256
 
 
 class MediumCore(TimedCore):
@@ -63,6 +63,8 @@ class MediumCore(TimedCore):
             for robot, address in setup.robots
         }
         """Transceivers by robot."""
+        self.lost_lines = 0
+        """Number of lines that robots sent too fast."""
         self._say = {robot: changed_only(say) for robot in self.robots}
         for transceiver in self.robots.values():
             self._tuned = transceiver.channel
@@ -94,7 +96,8 @@ class MediumCore(TimedCore):
             "frames": self._medium.counters(),
             "frames_by_robot": self._medium.counters_by_robot([*self.robots]),
             "refused_frames": {robot: one.refused for robot, one in robots},
-            "invalid_lines": {robot: one.invalid_lines for robot, one in robots},
+            "lost_lines": self.lost_lines,
+            "invalid_lines": {robot: one.lines.invalid_lines for robot, one in robots},
         }
 
     def _state(self, robot: str, transceiver: SimulatedTransceiver) -> BodyState:
@@ -148,3 +151,4 @@ def _drive(core: MediumCore, shell: Shell, bus: LineBus) -> None:
         for robot, transceiver in core.robots.items():
             if data := transceiver.run(core.now):
                 bus.publish(RECEIVED.key(robot), data)
+        core.lost_lines = bus.dropped

@@ -203,21 +203,17 @@ class NetworkPort(BoardPort):
 
     def __init__(self, robot: str, session: Any) -> None:
         """`session`: as of `open_session`."""
-        self.path, self._robot, self._pending = "radio.network", robot, b""
-        self._bus = SelectableBus(session, (at(RECEIVED, robot),))
+        self.path, self._key, self._pending = "radio.network", TRANSMIT.key(robot), b""
+        self._port = SelectableBus(session, (at(RECEIVED, robot),))
 
     def read(self) -> bytes:
         """Return received bytes."""
-        return b"".join(delivery.payload for delivery in self._bus.take())
+        return b"".join(delivery.payload for delivery in self._port.take())
 
     def write(self, data: bytes) -> None:
         """Send bytes; blocks for 20 ms at most, and then closes the connection."""
         if data:
-            self._bus.publish(TRANSMIT.key(self._robot), data)
-
-    def fileno(self) -> int:
-        """Return the descriptor to wait for."""
-        return self._bus.fileno()
+            self._port.publish(self._key, data)
 
     def close(self) -> None:
         """Keep the connection."""

@@ -13,6 +13,7 @@ from cryptography.hazmat.primitives.asymmetric.ec import SECP256R1, EllipticCurv
 from cryptography.hazmat.primitives.serialization import load_pem_private_key
 from cryptography.x509.verification import PolicyBuilder, Store
 
+from actors.radio.radio_model import RadioSetup
 from actors.robot.behaviour.code_permit import Permit
 from actors.runtime.errors import AcrcError
 from actors.runtime.isolation.credentials import read_packet_key
@@ -70,6 +71,26 @@ def test_paths_are_relative_to_the_file_not_to_the_working_directory(
     assert mine.robot_named("r1").model == str(tmp_path / "fleets" / "models" / "wide.toml")
 
 
+NETWORKED = '[radio]\nnetwork = "tls/10.0.0.5:7450"\n'
+ALIKE = '"network" for all robots where radio.network is set, and a port where it is absent'
+
+
+def test_the_medium_of_robots_without_boards_is_that_of_a_simulated_run_on_the_fleets_map() -> None:
+    mine = fleet(NETWORKED + robot(1, 'radio = "network"') + robot(2, 'radio = "network"'))
+    defaults = RadioSetup(
+        seed=1, step_us=100_000, robots=(("r1", 1), ("r2", 2)), map=mine.map, channel=11, detail="full"
+    )
+    assert mine.medium == defaults
+    more = 'preset = "beeclick"\nwalls = "glass"\nshadowing_db = 3.0\nchannel = 15\n'
+    varied = fleet(NETWORKED + more + robot(1, 'radio = "network"')).medium
+    assert (varied.preset, varied.walls, varied.shadowing_db, varied.channel) == (
+        "beeclick",
+        "glass",
+        3.0,
+        15,
+    )
+
+
 @pytest.mark.parametrize(
     ("text", "sentence"),
     [
@@ -91,6 +112,22 @@ def test_paths_are_relative_to_the_file_not_to_the_working_directory(
             '[robot.base] with kind = "ros2"',
         ),
         (robot(1, 'range = "kinect"'), 'robot[0].range is "kinect", but must be the path of a lidar\'s port'),
+        (robot(1, 'radio = "wifi"'), 'robot[0].radio is "wifi", but must be the path of a port, such as'),
+        (robot(1, 'radio = "network"'), f'robot[0].radio is "network", but must be {ALIKE}'),
+        (NETWORKED + ROBOT, f'robot[0].radio is "/dev/beeclick", but must be {ALIKE}'),
+        (
+            NETWORKED.replace("7450", "70000") + ROBOT,
+            'radio.network is "tls/10.0.0.5:70000", but must be "tls/HOST',
+        ),
+        (
+            NETWORKED + "power_db = -0.5" + ROBOT,
+            "radio.power_db is -0.5, but must be absent where radio.network",
+        ),
+        (NETWORKED + 'walls = "cheese"' + ROBOT, 'radio.walls is "cheese", but must be '),
+        (
+            '[radio]\nwalls = "glass"' + ROBOT,
+            'radio.walls is "glass", but must be absent where radio.network is',
+        ),
         (robot(1, 'listen = "tcp/0.0.0.0:7447"'), f'"tcp/0.0.0.0:7447", but must be {LISTEN}'),
         (robot(1, 'listen = "tls/a b:7447"'), f'robot[0].listen is "tls/a b:7447", but must be {LISTEN}'),
         (robot(1) + robot(1, "address = 2"), 'robot[1].id is a second "r1"; each robot must have its own id'),
