@@ -8,7 +8,7 @@ from typing import Any, Final, NamedTuple
 
 from actors.instant import Instant, in_seconds
 from actors.robot_model import RobotModel
-from actors.wording import one_of, toml_text
+from actors.wording import one_of
 from deploy.fleet.doctor import DoctorFinding
 from firmware_bridge.ros2.message_types import (
     COMMAND_TYPES,
@@ -25,9 +25,11 @@ from firmware_bridge.ros2.names import (
     QosProfile,
     key_mapping,
     resolve,
+    token_gid,
 )
 from firmware_bridge.ros2.session import ReceivedSample, Ros2Session
 from firmware_bridge.ros2.settings import Ros2Base
+from firmware_bridge.ros2.velocity_commands import CommandFault, RivalDetector, choose_type
 
 _NODE: Final = "acrc_doctor"
 _TIMEOUT_S: Final = 3.0
@@ -67,6 +69,8 @@ class GraphState(NamedTuple):
     """Liveliness tokens of all domains and mappings, without those of this check."""
     traffic: Mapping[str, TopicTraffic] = {}
     """By field of `RobotTopics`, with at least one message each."""
+    commands: Sequence[ReceivedSample] = ()
+    """Velocity commands, of any node."""
 
 
 def observe(base: Ros2Base) -> GraphState:
@@ -75,6 +79,10 @@ def observe(base: Ros2Base) -> GraphState:
         queues = {
             name: session.subscribe(base.topic(name), kind, _QUEUE) for name, kind in TOPIC_TYPES.items()
         }
+        commands = [
+            session.subscribe(base.topic("command"), kind, _QUEUE, hidden=True)
+            for kind in COMMAND_TYPES.values()
+        ]
         for _ in range(_ATTEMPTS):
             if session.is_connected:
                 break
@@ -84,9 +92,8 @@ def observe(base: Ros2Base) -> GraphState:
         time.sleep(_LISTENING_S)
         tokens = [token for token in session.tokens(_TIMEOUT_S) if f"/{_NODE}" not in token]
     received = {name: queue.take() for name, queue in queues.items()}
-    return GraphState(
-        "", tokens, {name: traffic_of(some, TOPIC_TYPES[name]) for name, some in received.items() if some}
-    )
+    traffic = {name: traffic_of(some, TOPIC_TYPES[name]) for name, some in received.items() if some}
+    return GraphState("", tokens, traffic, [sample for queue in commands for sample in queue.take()])
 
 
 def _port_fault(router: str) -> str:
@@ -136,7 +143,7 @@ def findings(base: Ros2Base, model: RobotModel, seen: GraphState) -> Iterator[Do
             f"{kind}, {traffic.rate:.1f} Hz, {_text(publishers)}" if publishers else "not published; optional"
         )
         yield _finding(name, fault and f"{topic}: {fault}", f"{topic}: {text}")
-    yield from _command_findings(base, endpoints)
+    yield from _command_findings(base, endpoints, seen)
     yield from _state_findings(seen.traffic)
 
 
@@ -209,24 +216,21 @@ def _rate_fault(name: str, publishers: Sequence[Endpoint], traffic: TopicTraffic
     return ""
 
 
-def _command_findings(base: Ros2Base, endpoints: Sequence[Endpoint]) -> Iterator[DoctorFinding]:
+def _command_findings(
+    base: Ros2Base, endpoints: Sequence[Endpoint], seen: GraphState
+) -> Iterator[DoctorFinding]:
     """Return the findings about the subscription to velocity commands, and about other publishers of them."""
     topic = base.topic("command")
     subscribers = _of(endpoints, topic, EndpointKind.SUBSCRIPTION)
-    kinds = {one.type for one in subscribers}
-    names = [name for name, kind in COMMAND_TYPES.items() if kind in kinds]
-    chosen = base.command or names[0] if names else "Twist"
-    fault = _type_fault(subscribers, COMMAND_TYPES[chosen], "command")
-    if not subscribers:
-        fault = "no node subscribes to it; start the base's driver, or correct base.topics.command"
-    elif names and (base.command or len(names) > 1) and base.command not in names:
-        fault = (
-            f"base.command is {toml_text(base.command)}, but must be {one_of(names)}, as subscribers expect"
-        )
-    yield _finding("command", fault and f"{topic}: {fault}", f"{topic}: {chosen}, {_text(subscribers)}")
-    if rivals := _of(endpoints, topic, EndpointKind.PUBLISHER):
-        stop = "also publishes commands, so the robot stands; stop it, unless it is this robot's program"
-        yield _finding("command", f"{topic}: {_nodes(rivals)} {stop}", "")
+    chosen = choose_type(subscribers, base.command)
+    if isinstance(chosen, CommandFault):
+        yield _finding("command", f"{topic}: {chosen.cause.value}; {chosen.sentence}", "")
+    else:
+        yield _finding("command", "", f"{topic}: {chosen.kind}, {_text(subscribers)}")
+    mapping = key_mapping(base.bridge, base.domain)
+    nodes = {token_gid(token): one.node for token in seen.tokens if (one := mapping.parse_token(token))}
+    if rival := RivalDetector(base, ()).find(Instant(0), endpoints, nodes, seen.commands):
+        yield _finding("other commands", rival, "")
 
 
 def _state_findings(traffic: Mapping[str, TopicTraffic]) -> Iterator[DoctorFinding]:
@@ -236,7 +240,7 @@ def _state_findings(traffic: Mapping[str, TopicTraffic]) -> Iterator[DoctorFindi
             text = f"stamps of {name} differ by {one.clock_offset:+.1f} s from this computer's clock; "
             yield _finding("robot clock", f"{text}synchronise both clocks (chrony)", "")
     battery, dock = (traffic.get(name, TopicTraffic()).newest for name in ("battery", "dock"))
-    if battery is not None and math.isfinite(battery.percentage):
+    if battery is not None and 0 < battery.percentage < math.inf:  # zero: not measured yet
         charge = battery.percentage / (100 if battery.percentage > 1 else 1)
         text = f"{charge:.0%} at {battery.voltage:.1f} V"
         yield _finding("charge", f"{text}; charge it" if charge < _LEAST_CHARGE else "", text)

@@ -50,7 +50,7 @@ LEAST = {
 
 NOT_RUN: Final[Mapping[str, str]] = MappingProxyType({
     r"(apptainer|docker|kubectl|sbatch|sed|tar|deploy/clusters/ssh\.sh) ": "needs another program or host",
-    r"(ROS_DOMAIN_ID=0|export|pkill|ros2|sudo) ": "runs on a robot with ROS 2",
+    r"(ROS_DOMAIN_ID=0|export|ros2|sudo) ": "runs on a robot with ROS 2",
     r"python -m pip|\./acrc (add|fleet bundle) ": "needs a network",
     r"\S*acrc (cluster|.*tls://HOST)": "needs a cluster",
     r"\S*acrc fleet (doctor|onboard|units .* --robot r2$)": "needs a robot",

@@ -16,6 +16,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 from unittest.mock import Mock
 
+import msgspec
 import pytest
 
 from acrc_testbed.recordings import record_replay
@@ -28,6 +29,7 @@ from deploy.fleet import keys, robot_bundle
 from deploy.fleet.fleet_file import load_fleet
 from deploy.fleet.robot_bundle import RobotBundle
 from deploy.fleet.units import UsbPort, default_user, service_text, udev_rules, unassigned, write_units
+from firmware_bridge.ros2.settings import Ros2Base
 from tests.fleet.fleet_texts import BOARD_AT_1, KOBUKI_AT_0, LIDAR_AT_2, OFFICE, ROOT, fleet, robot
 from tests.in_process import acrc
 from tests.onboard.standstill_rig import MAP, Rig
@@ -153,6 +155,9 @@ def test_a_ros_2_base_has_a_network_in_place_of_a_port() -> None:
     sections = unit(ros2)
     assert sections["Unit"]["Wants"] == ["dev-beeclick.device network-online.target"]
     assert sections["Unit"]["After"] == ["time-set.target network-online.target dev-beeclick.device"]
+    *_, verb, settings = words(sections["Service"]["ExecStopPost"][0])
+    base = fleet(robot(1, ros2)).robots[0].base
+    assert (verb, msgspec.json.decode(settings, type=Ros2Base)) == ("alone", base)
     made = read_rules(udev_rules(fleet(robot(1, ros2)).robot_named("r1"), ALL))
     assert effect(made, KOBUKI) == MINE | FAST, "an FTDI chip without a name"
     assert effect(made, FTDI) == MINE | FAST | {"SYMLINK+=": "beeclick"}

@@ -18,11 +18,13 @@ from firmware_bridge.ros2 import message_types
 from firmware_bridge.ros2.message_types import COMMAND_TYPES, TOPIC_TYPES, type_hash
 from firmware_bridge.ros2.names import (
     NO_HASH,
+    Attachment,
     Endpoint,
     EndpointKind,
     NodeIdentity,
     QosProfile,
     RmwZenohMapping,
+    token_gid,
 )
 from firmware_bridge.ros2.session import ReceivedSample, Ros2Session
 from firmware_bridge.ros2.settings import Ros2Base
@@ -134,12 +136,24 @@ def test_a_healthy_robot_is_described() -> None:
     assert all(one.ok for one in found)
     texts = {one.subject: one.text for one in found}
     assert list(texts) == [
-        *("router", "graph", "scan", "odom", "imu", "battery", "hazards", "dock", "command", "charge"),
+        *(
+            "router",
+            "graph",
+            "scan",
+            "odom",
+            "imu",
+            "battery",
+            "hazards",
+            "dock",
+            "wheels",
+            "command",
+            "charge",
+        ),
     ]
     assert texts["scan"] == f"/r1/scan: sensor_msgs/msg/LaserScan, 7.9 Hz, /r1/driver ({scan}, QoS 2::,5)"
     assert texts["imu"] == "/r1/imu: not published; optional"
     assert texts["charge"] == "80% at 14.4 V"
-    assert texts["command"].startswith("/r1/cmd_vel: TwistStamped, /r1/driver (RIHS01_")
+    assert texts["command"].startswith("/r1/cmd_vel: geometry_msgs/msg/TwistStamped, /r1/driver (RIHS01_")
 
 
 @pytest.mark.parametrize(
@@ -157,7 +171,7 @@ def with_base(**changes: Any) -> Ros2Base:
 
 OTHER_HASH = ROBOT.replaced(type_hash(TOPIC_TYPES["scan"]), "RIHS01_" + "0" * 64)
 IMAGE = token(PUB, "scan", TOPIC_TYPES["imu"])
-SECOND = Robot([*ROBOT.tokens, token(PUB, "cmd_vel", STAMPED, "teleop_twist_joy_node")], ROBOT.traffic)
+SECOND = Robot([*ROBOT.tokens, token(PUB, "cmd_vel", STAMPED, "velocity_smoother")], ROBOT.traffic)
 BOTH = Robot([*ROBOT.tokens, token(SUB, "cmd_vel", TWIST, "mux")], ROBOT.traffic)
 TWICE = Robot([*ROBOT.tokens, token(PUB, "scan", TOPIC_TYPES["scan"], "merger")], ROBOT.traffic)
 OTHERS = Robot(
@@ -258,26 +272,30 @@ DOCKED = message_types.new(
             ROBOT.without("cmd_vel"),
             R1,
             "command",
-            "/r1/cmd_vel: no node subscribes to it; start the base's driver, or correct base.topics.command",
+            "/r1/cmd_vel: robot does not subscribe to velocity commands; start the robot's base node, or "
+            "correct topics.command",
         ),
         (
             ROBOT,
             with_base(command="Twist"),
             "command",
-            '/r1/cmd_vel: base.command is "Twist", but must be "TwistStamped", as subscribers expect',
+            "/r1/cmd_vel: type of velocity commands is unclear or unknown; subscriptions declare "
+            'geometry_msgs/msg/TwistStamped; set command to "Twist" or "TwistStamped" as the base node needs '
+            "it",
         ),
         (
             BOTH,
             R1,
             "command",
-            '/r1/cmd_vel: base.command is null, but must be "Twist" or "TwistStamped", as subscribers expect',
+            "/r1/cmd_vel: type of velocity commands is unclear or unknown; subscriptions declare "
+            'geometry_msgs/msg/Twist and geometry_msgs/msg/TwistStamped; set command to "Twist" or '
+            '"TwistStamped"',
         ),
         (
             SECOND,
             R1,
-            "command",
-            "/r1/cmd_vel: /r1/teleop_twist_joy_node also publishes commands, so the robot stands; stop it, "
-            "unless it is this robot's program",
+            "other commands",
+            "/r1/velocity_smoother has a publisher of /r1/cmd_vel; stop that node, or add it to `tolerated`",
         ),
         (
             ROBOT.hears(scan=ROBOT.traffic["scan"]._replace(clock_offset=-3600.2)),
@@ -308,10 +326,20 @@ def test_commands_of_both_types_are_clear_with_the_key() -> None:
     assert all(one.ok for one in ROBOT.findings(with_base(command="TwistStamped")))
 
 
-@pytest.mark.parametrize("battery_share", [math.nan, math.inf])
+@pytest.mark.parametrize("battery_share", [math.nan, math.inf, 0.0])
 def test_an_unknown_charge_is_no_finding(battery_share: float) -> None:
     found = ROBOT.hears(battery=battery(battery_share)).findings()
     assert all(one.ok for one in found)
+
+
+def test_a_tolerated_joystick_is_named_once_it_commands() -> None:
+    joystick = token(PUB, "cmd_vel", STAMPED, "teleop_twist_joy_node")
+    tokens = [*ROBOT.tokens, joystick]
+    assert all(one.ok for one in ROBOT._replace(tokens=tokens).findings())
+    command = ReceivedSample(Instant(5), b"", "", Attachment(1, 0, token_gid(joystick)))
+    seen = GraphState("", tokens, ROBOT.traffic, [command])
+    (failed,) = (one for one in ros2_check.findings(R1, MODEL, seen) if not one.ok)
+    assert failed.text == "/r1/teleop_twist_joy_node publishes /r1/cmd_vel; stop that node"
 
 
 def test_invalid_tokens_are_ignored() -> None:
@@ -383,5 +411,7 @@ def test_the_router_is_reached_and_listened_to_without_a_trace(monkeypatch: pyte
         ended.set()
         thread.join()
     assert found["scan"].ok, found["scan"].text
-    assert not found["odom"].ok and found["command"].text.startswith("/cmd_vel: Twist, /driver (RIHS01_")
+    assert not found["odom"].ok and found["command"].text.startswith(
+        "/cmd_vel: geometry_msgs/msg/Twist, /driver (RIHS01_"
+    )
     assert "robot clock" not in found

@@ -46,7 +46,7 @@ def test_both_robots_are_found_and_described(robots: TurtlebotProcess) -> None:
         assert all(ok for ok, _ in found.values()), found
         assert found["scan"][1].startswith(f"/{name}/scan: sensor_msgs/msg/LaserScan, ")
         assert found["scan"][1].endswith(f" (RIHS01_64c19139, QoS {qos})")
-        assert found["command"][1].startswith(f"/{name}/cmd_vel: TwistStamped, ")
+        assert found["command"][1].startswith(f"/{name}/cmd_vel: geometry_msgs/msg/TwistStamped, ")
         assert found["charge"][1].startswith("80% at ")
 
 
@@ -60,9 +60,9 @@ def test_faults_of_a_robot_are_found(robots: TurtlebotProcess) -> None:
     ):
         robots.order(order)
     failed = {subject: text for subject, (ok, text) in findings(robots, "r1").items() if not ok}
-    assert set(failed) == {"scan", "robot clock", "charge", "dock state", "command"}
+    assert set(failed) == {"scan", "robot clock", "charge", "dock state", "other commands"}
     assert failed["scan"].startswith("/r1/scan: no message within 2 s; restart the lidar's driver")
-    assert "also publishes commands" in failed["command"]
+    assert failed["other commands"].endswith(" publishes /r1/cmd_vel; stop that node")
     robots.order("repair r1")
 
 
