@@ -210,7 +210,7 @@ def _rate_fault(name: str, publishers: Sequence[Endpoint], traffic: TopicTraffic
             f"no message within {_LISTENING_S:g} s; restart {driver} (a docked TurtleBot 4 stops its lidar)"
         )
     if len(publishers) > 1:
-        return f"{_nodes(publishers)} publish it; give each robot its own namespace"
+        return f"published by {_text(publishers)}; give each robot its own namespace"
     if traffic.rate < least:
         return f"{traffic.rate:.1f} Hz, at least {least:.1f} Hz needed; correct its driver, or the network"
     return ""
@@ -255,7 +255,3 @@ def _text(endpoints: Sequence[Endpoint]) -> str:
         f"{one.node} ({one.type_hash[:15] or 'no type hash'}, QoS {one.qos.rstrip(':,')})"
         for one in endpoints
     )
-
-
-def _nodes(endpoints: Sequence[Endpoint]) -> str:
-    return " and ".join(sorted({one.node for one in endpoints}))

@@ -266,7 +266,8 @@ DOCKED = message_types.new(
             TWICE,
             R1,
             "scan",
-            "/r1/scan: /r1/driver and /r1/merger publish it; give each robot its own namespace",
+            "/r1/scan: published by /r1/driver (RIHS01_64c19139, QoS 2::,5), /r1/merger (RIHS01_64c19139, "
+            "QoS 2::,5); give each robot its own namespace",
         ),
         (
             ROBOT.without("cmd_vel"),
