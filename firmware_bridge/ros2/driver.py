@@ -7,7 +7,7 @@ nothing is published, so that actions of the robot, such as undocking, are not d
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any, Final, NamedTuple
+from typing import Any, Final
 
 from actors.instant import Instant, in_seconds, milliseconds, seconds
 from actors.robot_model import RobotModel
@@ -59,13 +59,6 @@ def drive_limits(model: RobotModel) -> DriveLimits:
         still=_STILL,
         wheel_speed=2 * (drive.speed + drive.turn_rate * track / 2),
     )
-
-
-class DueVelocity(NamedTuple):
-    """A velocity to be published, m/s and rad/s."""
-
-    v: float
-    omega: float
 
 
 class RobotDriver:
@@ -139,7 +132,7 @@ class RobotDriver:
         """Set or clear an external cause that prevents all motion."""
         self._safety.hold(cause, holds)
 
-    def due(self, now: Instant) -> DueVelocity | None:
+    def due(self, now: Instant) -> AllowedMotion | None:
         """Return the velocity to publish now, if any."""
         if not self._has_new_feedback and now - self._sent_at < _MAX_INTERVAL:
             return None
@@ -150,7 +143,7 @@ class RobotDriver:
         v, omega, _ = self.allowed
         if v or omega or not self.found or self.odometry.is_moving:
             self._moved_at = now
-        return DueVelocity(v, omega) if now - self._moved_at < _QUIET_AFTER else None
+        return self.allowed if now - self._moved_at < _QUIET_AFTER else None
 
     def _hold_changed(self, cause: HoldCause, holds: bool) -> None:
         """Set or clear a cause after a change; checks of contradictions may set it, too."""

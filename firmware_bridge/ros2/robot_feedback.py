@@ -49,13 +49,6 @@ def _bits(name: str, left: bool, right: bool) -> int:
     return first | second << 1 or 3
 
 
-class BasePose(NamedTuple):
-    """A pose of the robot's odometry."""
-
-    time: RobotTime
-    pose: Pose
-
-
 def read_pose(message: Any) -> Pose:
     """Return the pose of an Odometry message. Raises InvalidMessageError."""
     at, q = message.pose.pose.position, message.pose.pose.orientation

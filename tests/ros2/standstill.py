@@ -1,5 +1,6 @@
 """The processes of a robot with a ROS 2 base, with injected faults of processes and topics."""
 
+from contextlib import suppress
 from pathlib import Path
 from typing import Self
 
@@ -41,6 +42,18 @@ class Ros2Rig(Rig):
         """Inject a fault. Raises NotDrivingError if it is refused."""
         if (answer := self._robots.ask(line)) != "ok":
             raise NotDrivingError(f"{line}: {answer}")
+
+    def processes(self, word: str) -> list[int]:
+        """Return the robot's processes with this word; the guardian's command line has the router."""
+        if word != ROS2_GUARDIAN:
+            return super().processes(word)
+        found = []
+        for entry in Path("/proc").glob("[0-9]*/cmdline"):
+            with suppress(OSError):
+                words = entry.read_bytes().decode(errors="replace").split("\0")
+                if word in words and any(self._robots.router in one for one in words):
+                    found.append(int(entry.parent.name))
+        return found
 
     def where(self) -> Where:
         """Return the ground truth."""
