@@ -109,6 +109,8 @@ class DriveParameters(Settings, frozen=True):
     """Sideways acceleration at which the wheels of a differential drive start to slide, m/s²."""
     watchdog: Annotated[float, Meta(gt=0, le=60)] = 0.5
     """Command timeout after which the base brakes, s."""
+    delay: Annotated[float, Meta(ge=0, le=1)] = 0.0
+    """Time from a command to the wheels' first response, s, rounded to a physics sub-step."""
 
 
 class Bumper(Settings, frozen=True):
@@ -287,6 +289,9 @@ class KobukiErrors(Settings, frozen=True):
     """Random walk of the bias, °/s per √s; own estimate: equals the initial bias after 7 minutes."""
     wheel_scale: _Error = 0.002
     """Relative standard deviation of a wheel's radius; own estimate: 0.07 mm of 35 mm."""
+    wheel_bias: Annotated[float, Meta(ge=-0.5, le=0.5)] = 0.0
+    """Relative error of the distance measured by both wheels: positive, if their radius is smaller than the
+    base assumes; to be measured."""
     slip: _Error = 0.002
     """Standard deviation of a wheel's travel, m per √m travelled; own estimate for a smooth floor."""
 

@@ -73,7 +73,7 @@ COMMANDS: Final = {
     "cluster": ("acrc_testbed.command_line.fleet", "cluster"),
     **{
         name: ("acrc_testbed.command_line.experiments", name)
-        for name in ("campaign", "causes", "compare", "bundle", "report", "study")
+        for name in ("campaign", "causes", "compare", "gap", "bundle", "report", "study")
     },
     "docs": ("acrc_testbed.command_line.documentation", "docs"),
     "verify": ("acrc_testbed.command_line.bench", "verify"),

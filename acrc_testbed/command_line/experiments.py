@@ -1,4 +1,4 @@
-"""Options of the commands campaign, compare, causes, report, bundle and study."""
+"""Options of the commands campaign, compare, causes, gap, report, bundle and study."""
 
 from collections.abc import Iterator
 from pathlib import Path
@@ -147,6 +147,41 @@ def compare(
     from acrc_testbed.command_line import campaign_commands
 
     campaign_commands.compare(folder, metric, json_output=json)
+
+
+def gap(
+    field: Annotated[Path, argument("FIELD", "Folder of a field trial, as for `acrc fleet collect`.")],
+    run: Annotated[Path, argument("RUN", "Folder of a simulated run of the same scenario.")],
+    json: Json = False,
+) -> None:
+    """Compare a field trial with a simulated run.
+
+    Print how far they lie apart, and values of the scenario's and robot model's keys that bring the
+    simulation nearer.
+    """
+    from acrc_testbed.experiments.gap_report import compare_field
+    from actors.console import create_console
+
+    with create_console(stderr=True, soft_wrap=False).status("reading"):
+        found = compare_field(field, run)
+    measured = Table("quantity", "field", "simulated", "difference, 95 % interval", title="Gap")
+    for one in found.quantities:
+        values = _value_text(one.field), _value_text(one.simulated)
+        difference = "" if one.difference is None else _value_text(one.difference, one.interval)
+        measured.add_row(f"{one.name}, {one.unit}".rstrip(", "), *values, difference)
+    fits = Table("key", "simulated", "fitted, 95 % interval", "p", "result", title="Keys")
+    for fit in found.keys:
+        p = "" if fit.p is None else f"{fit.p:.2g}"
+        fits.add_row(
+            fit.key, _value_text(fit.simulated), _value_text(fit.fitted, fit.interval), p, fit.verdict
+        )
+    answer((measured, fits, *found.notes), found, json=json)
+
+
+def _value_text(value: float | None, interval: tuple[float, float] | None = None) -> str:
+    """Return the value as text, with its interval if that is known."""
+    within = "" if interval is None else f" ({interval[0]:.3g} to {interval[1]:.3g})"
+    return "too little data" if value is None else f"{value:.3g}{within}"
 
 
 def report(

@@ -118,6 +118,8 @@ class RobotLog:
     ticks: list[Tick] = field(default_factory=list)
     messages: list[RecordedMessage] = field(default_factory=list)
     """Answers, transmitted frames and radio events."""
+    senses: list[SensorData] | None = None
+    """Sensor data of each tick; None: not asked for."""
     hashed: Counter[type[Message]] = field(default_factory=Counter)
     """Counts of messages recorded as a hash only."""
     final: FinalNote | None = None
@@ -149,12 +151,14 @@ class RobotLog:
 _TOPICS: Final = (SENSES, RECEIVED, DRIVE, TRANSMIT)
 
 
-def read_log(path: Path, identity: RobotIdentity, full: Mapping[bytes, bytes]) -> RobotLog:
+def read_log(
+    path: Path, identity: RobotIdentity, full: Mapping[bytes, bytes], *, senses: bool = False
+) -> RobotLog:
     """Read a robot's recording up to its end or the first damage.
 
-    `full`: messages that other processes recorded in full, by SHA-256.
+    `full`: messages that other processes recorded in full, by SHA-256; `senses`: keep the sensor data.
     """
-    log = RobotLog(path, identity)
+    log = RobotLog(path, identity, senses=[] if senses else None)
     topics = {topic.key(identity.id): topic for topic in _TOPICS}
     try:
         for item in RecordingReader(path, strict=True):
@@ -189,6 +193,8 @@ def _add_message(log: RobotLog, entry: Entry, topic: Topic[Any], full: Mapping[b
             raise RecordingError(f"{log.path}: damaged: implausible instant {instant} µs")
     if isinstance(message, SensorData):
         log.ticks.append(Tick(message.step, message.instant))
+        if log.senses is not None:
+            log.senses.append(message)
     elif log.ticks:
         log.messages.append(RecordedMessage(len(log.ticks) - 1, entry.key, message))
     else:
@@ -278,8 +284,9 @@ class FieldTrial:
             yield from logs
 
 
-def read_field_trial(folders: Sequence[Path]) -> FieldTrial:
-    """Read all recordings in the folders. Raises FieldTrialError if none is a robot's.
+def read_field_trial(folders: Sequence[Path], *, senses: bool = False) -> FieldTrial:
+    """Read all recordings in the folders; `senses`: keep the sensor data. Raises FieldTrialError without one
+    of a robot.
 
     A folder is a robot's or contains robots' folders; with `r2`, its siblings `r2.base` and `r2.radio` are
     read, too.
@@ -314,7 +321,7 @@ def read_field_trial(folders: Sequence[Path]) -> FieldTrial:
             "and air time are those of the model at the robots' estimated positions, not those of the room"
         )
     for path, identity in sorted(robots, key=lambda one: (natural_key(one[1].id), one[1].epoch)):
-        log = read_log(path, identity, full_messages)
+        log = read_log(path, identity, full_messages, senses=senses)
         trial.logs.setdefault(identity.id, []).append(log)
         trial.notes += _gap_sentences(log)
     trial.notes += _unknown_sender_sentences(trial)

@@ -51,8 +51,8 @@ def collected_run(out: Path, *, internals: bool = False) -> RunData:
     """Read a folder with the robots' folders. Raises FieldTrialError if they are not of one trial."""
     trial = read_field_trial([out])
     clocks = AlignedClocks(trial)
-    times = {id(log): _TrialClock(log, clocks) for log in trial.all_logs()}
-    grid, missing = _trial_map(trial)
+    times = {id(log): TrialClock(log, clocks) for log in trial.all_logs()}
+    grid, missing = trial_map(trial)
     judgement = judge_if_loadable(trial, clocks)
     model = RunModel(
         RunDescription(
@@ -96,7 +96,7 @@ def _introspection(log: RobotLog, process: RecordedProcess) -> RobotInternals:
     return model.take(last, {drive.step: drive for _, drive in log.messages_of(Drive)})
 
 
-class _TrialClock:
+class TrialClock:
     """Conversion of one recording's instants to the seconds of the trial."""
 
     def __init__(self, log: RobotLog, clocks: AlignedClocks) -> None:
@@ -126,7 +126,7 @@ class TimedMessage(NamedTuple):
     message: Message
 
 
-def _messages(trial: FieldTrial, times: Mapping[int, _TrialClock]) -> Iterator[TimedMessage]:
+def _messages(trial: FieldTrial, times: Mapping[int, TrialClock]) -> Iterator[TimedMessage]:
     """Yield the robots' messages with all instants converted to the trial's clock."""
     for log in trial.all_logs():
         own = times[id(log)]
@@ -134,7 +134,7 @@ def _messages(trial: FieldTrial, times: Mapping[int, _TrialClock]) -> Iterator[T
             yield TimedMessage(float(own.ticks[tick]), key, convert_instants(message, own.instant))
 
 
-def _state_changes(trial: FieldTrial, times: Mapping[int, _TrialClock]) -> Iterator[tuple[str, float, str]]:
+def _state_changes(trial: FieldTrial, times: Mapping[int, TrialClock]) -> Iterator[tuple[str, float, str]]:
     """Yield the starts and exits of each robot in order of time."""
     for robot, logs in trial.logs.items():
         spans = [ticks for log in logs if len(ticks := times[id(log)].ticks)]
@@ -143,7 +143,7 @@ def _state_changes(trial: FieldTrial, times: Mapping[int, _TrialClock]) -> Itera
             yield robot, second, state
 
 
-def _trial_map(trial: FieldTrial) -> tuple[OccupancyGrid, tuple[str, ...]]:
+def trial_map(trial: FieldTrial) -> tuple[OccupancyGrid, tuple[str, ...]]:
     """Return the map stored with a recording; else empty floor around the robots' estimates, and a note."""
     for log in trial.all_logs():
         for path in (log.path.parent / "map.yaml", log.path.parent.parent / "map" / "map.yaml"):

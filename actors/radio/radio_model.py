@@ -195,6 +195,8 @@ class RadioTable(Settings, frozen=True):
     """IEEE 802.15.4 channel; matters only with Wi-Fi."""
     walls: MaterialName | None = None
     """Material of occupied cells on the map, see `walls.MATERIALS`; "air": no loss by walls."""
+    excess_db: Annotated[float, Meta(ge=-60, le=120, extra={"unit": "dB"})] | None = None
+    """Additional loss at any distance, dB, of antennas, their housing and their height above the floor."""
     shadowing_db: Annotated[float, Meta(ge=0, le=30, extra={"unit": "dB"})] | None = None
     """Standard deviation of the shadowing, dB; 0: none."""
     correlation_distance: Annotated[float, Meta(ge=0.1, le=1000, extra={"unit": "metres"})] | None = None
@@ -264,8 +266,11 @@ def _parameters_of(setup: RadioSetup) -> RadioParameters:
         shadowing = replace(shadowing, sigma_db=setup.shadowing_db)
     if setup.correlation_distance is not None:
         shadowing = replace(shadowing, correlation_distance=setup.correlation_distance)
+    path_loss = base.propagation.path_loss
+    if setup.excess_db is not None:
+        path_loss = replace(path_loss, excess_db=setup.excess_db)
     walls = setup.walls or base.propagation.walls
-    propagation = replace(base.propagation, walls=walls, shadowing=shadowing)
+    propagation = replace(base.propagation, walls=walls, path_loss=path_loss, shadowing=shadowing)
     return replace(base, channel=setup.channel or base.channel, propagation=propagation)
 
 

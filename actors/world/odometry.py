@@ -216,8 +216,8 @@ class Odometers:
         for i in measured:
             left, right, bias = normals(generators[i], 3).tolist()
             base, kobuki = self._bases[i], models[i].kobuki_errors
-            base["left_scale"] = 1 + left * kobuki.wheel_scale
-            base["right_scale"] = 1 + right * kobuki.wheel_scale
+            base["left_scale"] = 1 + kobuki.wheel_bias + left * kobuki.wheel_scale
+            base["right_scale"] = 1 + kobuki.wheel_bias + right * kobuki.wheel_scale
             base["bias"] = bias * math.radians(kobuki.gyro_bias_deg)
 
     def follow(self, track: Floats, velocities: Floats) -> None:

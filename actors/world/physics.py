@@ -256,6 +256,9 @@ class Arena:
         self._limits = limits(models)
         self._commands = np.zeros((len(poses), 3))
         self._issued_us = np.zeros(len(poses), np.int64)
+        self._delays_us = [round(model.drive.delay * 1e6) for model in models]
+        self._delayed: list[tuple[int, int, Twist, Instant]] = []
+        """Commands without effect so far: due time, µs, index, command and its instant, by order of issue."""
         self._memory = np.zeros(len(poses), MEMORY)
         forces = np.zeros((len(numbers) + 1, 3))  # pymunk counts the walls as one body
         self._forces, self._people_forces = forces[:n], forces[n:-1]
@@ -320,8 +323,17 @@ class Arena:
                 f"{self._names[index]} commands {twist.vx}, {twist.vy} m/s and {twist.omega} rad/s; "
                 "velocities must be finite"
             )
-        self._commands[index] = twist
-        self._issued_us[index] = instant
+        if delay := self._delays_us[index]:
+            self._delayed.append((instant + delay, index, twist, instant))
+        else:
+            self._commands[index], self._issued_us[index] = twist, instant
+
+    def _apply_delayed(self) -> None:
+        """Apply the delayed commands that are due."""
+        for due, index, twist, instant in self._delayed:
+            if due <= self.now:
+                self._commands[index], self._issued_us[index] = twist, instant
+        self._delayed = [one for one in self._delayed if one[0] > self.now]
 
     def advance(self, substeps: int = 1) -> Floats:
         """Advance; return the poses after every sub-step, (substeps, n, 3)."""
@@ -329,6 +341,8 @@ class Arena:
         dt = in_seconds(SUBSTEP)
         self.bumpers[:] = 0
         for k in range(substeps):
+            if self._delayed:
+                self._apply_delayed()
             orders = self._commands, self._issued_us, self.now
             drive_forces(self._state, *orders, dt, self._limits, self._memory, self._forces)
             if self._people is not None:

@@ -94,7 +94,7 @@ def with_drift(model: RobotModel, dose: Uncertainty) -> RobotModel:
 
     gyro = "gyro_noise_deg", "gyro_bias_deg", "gyro_walk_deg"
     stage = scaled(model.stage_errors, "forward", "leftward", "turn")
-    kobuki = scaled(model.kobuki_errors, *gyro, "wheel_scale", "slip")
+    kobuki = scaled(model.kobuki_errors, *gyro, "wheel_scale", "wheel_bias", "slip")
     return structs.replace(model, stage_errors=stage, kobuki_errors=kobuki)
 
 

@@ -73,6 +73,8 @@ SHORTENED: Final[MappingProxyType[str, str]] = MappingProxyType({
     "./acrc run --strategy nearest:behaviour --navigation robust --out runs/nearest": "--duration 5",
     "./acrc run scenarios/head_on.toml --strategy chapter --json": "--duration 5",
     "./acrc run scenarios/head_on.toml --hardware-in-the-loop": "--duration 2",
+    "./acrc run scenarios/head_on.toml --hardware-in-the-loop --out runs/trial": "--duration 2",
+    "./acrc run scenarios/head_on.toml --bus memory --out runs/model": "--duration 5",
     "./acrc run scenarios/chapter.toml --seed 42 --out runs/chapter": "--duration 5",
     "./acrc run scenarios/head_on.toml --strategy examples.courteous:behaviour --check": "--duration 5",
     "./acrc run scenarios/head_on.toml --out runs/seen": "--duration 20",

@@ -77,7 +77,8 @@ def _moved(message: Message, own: Clock, bridge: Clock, late: Callable[[], int])
     replace = msgspec.structs.replace
     match message:
         case SensorData():
-            return replace(message, instant=own(message.instant))
+            scan = message.scan and replace(message.scan, stamp=own(message.scan.stamp))
+            return replace(message, instant=own(message.instant), scan=scan)
         case Drive():
             return replace(
                 message,

@@ -7,6 +7,7 @@ from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any
 
+import msgspec
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -119,6 +120,8 @@ def test_a_setup_changes_its_preset() -> None:
     assert found.phy == preset("rosomnet").phy and found.channel == 26
     assert (found.propagation.walls, found.propagation.shadowing.sigma_db) == ("concrete", 3.0)
     assert found.propagation.path_loss == preset("rosomnet").propagation.path_loss
+    lossy = radio_model(msgspec.structs.replace(setup, excess_db=6.0)).parameters.propagation.path_loss
+    assert lossy == replace(preset("rosomnet").propagation.path_loss, excess_db=6.0)
 
 
 def test_walls_of_the_map_stand_between_the_offices() -> None:

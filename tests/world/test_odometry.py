@@ -16,6 +16,7 @@ from actors.robot_model import KobukiErrors, RobotModel
 from actors.world import drive, odometry
 from actors.world.odometry import Odometers
 from actors.world.physics import SUBSTEP, Arena
+from actors.world.uncertainty import Uncertainty, with_drift
 from tests.refusals import refused
 from tests.world.scenery import OMNIBOX, TURTLEBOT, arena
 
@@ -122,6 +123,14 @@ def test_each_error_of_a_kobuki_spreads_as_its_formula_says(
     if spread_x is not None:
         assert np.std([s.x for s in said]) == pytest.approx(spread_x, rel=0.12)
     assert np.std([s.heading for s in said]) == pytest.approx(spread_heading, rel=0.12, abs=1e-9)
+
+
+def test_the_bias_of_both_wheels_scales_distances_and_grows_with_the_drift() -> None:
+    biased = msgspec.structs.replace(NOT_NOISY, wheel_bias=0.03)
+    assert after_straight("kobuki", 1, biased).x == pytest.approx(2.06, abs=1e-3)
+    assert after_straight("kobuki", 1, biased).heading == pytest.approx(1.0, abs=1e-3)
+    scaled = with_drift(msgspec.structs.replace(TURTLEBOT, kobuki_errors=biased), Uncertainty(drift=2.0))
+    assert scaled.kobuki_errors.wheel_bias == 0.06
 
 
 @settings(deadline=None, max_examples=30)

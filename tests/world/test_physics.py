@@ -5,6 +5,7 @@ import math
 from collections.abc import Callable
 from typing import cast
 
+import msgspec
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -72,6 +73,19 @@ def test_a_command_expires_after_the_watchdog_timeout() -> None:
     where = world.poses.copy()
     world.advance(300)
     assert np.array_equal(world.poses, where)
+
+
+def test_wheels_follow_commands_after_the_delay_of_the_drive() -> None:
+    drive_parameters = msgspec.structs.replace(TURTLEBOT.drive, delay=0.08)
+    world = arena(Pose(-2, 0, 0), model=msgspec.structs.replace(TURTLEBOT, drive=drive_parameters))
+    world.command(0, AHEAD, Instant(0))
+    world.advance(8)
+    assert world.velocities[0, 0] == 0.0
+    world.command(0, STILL, Instant(80_000))
+    world.advance(8)
+    assert world.velocities[0, 0] == pytest.approx(0.08)
+    world.advance(8)
+    assert world.velocities[0, 0] == pytest.approx(0.0, abs=1e-9)
 
 
 def test_advance_gives_the_pose_after_every_sub_step() -> None:
