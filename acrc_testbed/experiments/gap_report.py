@@ -38,7 +38,7 @@ class QuantityGap(msgspec.Struct, frozen=True):
     interval: tuple[float, float] | None
     """95 % interval of the difference, by bootstrap over blocks."""
     blocks: tuple[int, int]
-    """Of the field and the simulation."""
+    """Blocks of the field and the simulation."""
 
 
 class KeyFit(msgspec.Struct, frozen=True):
@@ -53,7 +53,7 @@ class KeyFit(msgspec.Struct, frozen=True):
     interval: tuple[float, float] | None
     """95 % interval, by bootstrap over blocks."""
     p: float | None
-    """Of no improvement on the other half, adjusted for all keys (Holm); None: too little data."""
+    """P-value of no improvement on the other half, adjusted for all keys (Holm); None: too little data."""
     verdict: str
     """`nearer`: the value reduces the error of the other half significantly, by a difference that is worth
     reporting. Otherwise the reason why not."""
@@ -129,9 +129,14 @@ def _interval(values: Floats) -> tuple[float, float]:
     return low, high
 
 
+def _known_total(quantity: Quantity) -> float | None:
+    value = quantity.total() if len(quantity.blocks) >= MIN_BLOCKS else np.nan
+    return None if np.isnan(value) else value
+
+
 def _gap(field: Quantity, simulated: Quantity) -> QuantityGap:
     blocks = len(field.blocks), len(simulated.blocks)
-    one, other = (side.total() if len(side.blocks) >= MIN_BLOCKS else None for side in (field, simulated))
+    one, other = map(_known_total, (field, simulated))
     difference = interval = None
     if one is not None and other is not None:
         difference, interval = one - other, _interval(_bootstrap(field, 1) - _bootstrap(simulated, 2))

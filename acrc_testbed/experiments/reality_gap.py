@@ -12,7 +12,7 @@ import numpy as np
 
 from acrc_testbed.experiments.scan_poses import MAX_PAUSE_S, Keyframe, ScanMatcher
 from acrc_testbed.results.clocks import AlignedClocks
-from acrc_testbed.results.field_recordings import FieldTrial, RobotLog
+from acrc_testbed.results.field_recordings import FieldTrial, FieldTrialError, RobotLog
 from acrc_testbed.run_model.hardware_runs import TrialClock
 from acrc_testbed.run_model.recording_readers import robot_report
 from actors.array_types import Floats
@@ -276,6 +276,8 @@ def quantities(
     """
     aligned = AlignedClocks(trial)
     logs = [log for robot in robots for log in trial.logs[robot] if log.ticks]
+    if not logs:
+        raise FieldTrialError(f"{', '.join(robots)}: took no step in one of the recordings; repeat that run")
     clocks = [TrialClock(log, aligned) for log in logs]
     frames = [matcher.keyframes(log, clock) for log, clock in zip(logs, clocks, strict=True)]
     receptions = np.reshape(list(_receptions(logs, clocks, frames)), (-1, 6))

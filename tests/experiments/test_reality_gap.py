@@ -69,24 +69,24 @@ def driven(seed: int, drive: DriveParameters, seconds: int = 120) -> RobotLog:
     return log
 
 
-def fits(field: RobotLog, simulated: RobotLog) -> dict[str, KeyFit]:
-    """Return the fits of the drive's keys."""
-    keys = [one for one in gap_report._keys(MODEL, RADIO) if one.key.startswith("drive.")]
-    base = {one.name: one for one in reality_gap.drive_quantities([simulated], DRIVE)}
-    late = base["command delay"].best()
-    other = {one.name: one for one in reality_gap.drive_quantities([field], DRIVE, late)}
-    return {one.key: one for one in key_fits(other, base, keys)}
+@pytest.fixture(scope="module")
+def base() -> dict[str, Quantity]:
+    """Return the quantities of the simulation's drive."""
+    return {one.name: one for one in reality_gap.drive_quantities([driven(2, DRIVE)], DRIVE)}
 
 
 @pytest.mark.parametrize(
     "changes",
-    [
-        {"speed": 0.35}, {"turn_acceleration": 2.0}, {"acceleration": 0.7, "delay": 0.08}, {},
-    ],
+    [{"acceleration": 0.7, "delay": 0.08}, {"speed": 0.35, "turn_acceleration": 2.0}, {}],
     ids=str,
-)  # fmt: skip
-def test_planted_differences_of_the_drive_are_found_and_no_others(changes: dict[str, float]) -> None:
-    found = fits(driven(1, msgspec.structs.replace(DRIVE, **changes)), driven(2, DRIVE))
+)
+def test_planted_differences_of_the_drive_are_found_and_no_others(
+    changes: dict[str, float], base: dict[str, Quantity]
+) -> None:
+    log, late = driven(1, msgspec.structs.replace(DRIVE, **changes)), base["command delay"].best()
+    field = {one.name: one for one in reality_gap.drive_quantities([log], DRIVE, late)}
+    keys = [one for one in gap_report._keys(MODEL, RADIO) if one.key.startswith("drive.")]
+    found = {one.key: one for one in key_fits(field, base, keys)}
     nearer = {key.removeprefix("drive."): fit for key, fit in found.items() if fit.verdict == "nearer"}
     assert nearer.keys() == changes.keys()
     for key, value in changes.items():
@@ -173,6 +173,11 @@ def test_a_loss_is_found_although_weak_frames_are_reported_as_minus_90_dbm_or_no
     share = np.isfinite(heard[near, 5]).mean()
     assert found["frames heard, 2 to 4 m"].total() == pytest.approx(share)
     assert not len(found["frames heard, above 16 m"].blocks)
+
+
+def test_a_share_of_nothing_is_too_little_data() -> None:
+    found = gap_report._gap(Quantity("q", "", np.zeros((9, 2))), Quantity("q", "", np.ones((9, 2))))
+    assert (found.field, found.simulated, found.difference, found.interval) == (None, 1.0, None, None)
 
 
 KEY = FittedKey("q", "some.key", 1.0, 0.1)
