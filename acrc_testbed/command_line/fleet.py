@@ -17,6 +17,8 @@ from acrc_testbed.command_line.shared_options import (
     Json,
     Modules,
     OperatorKeys,
+    Ros2,
+    Router,
     answer,
     argument,
     isolation,
@@ -152,6 +154,8 @@ def onboard(
             "[default: near the last pose, verified by scans; the first time `start`]",
         ),
     ] = None,
+    ros2: Ros2 = False,
+    router: Router = None,
     modules: Modules = None,
 ) -> None:
     """Run a robot: drive the connected TurtleBot and radio board."""
@@ -163,7 +167,7 @@ def onboard(
     named = permission(modules).modules
     loaded = _load(fleet)
     folder = out_folder.checked_path(out, mesh=True) if out else onboard_run.new_folder(Path("runs"))
-    options = onboard_run.OnboardOptions(folder, isolate, debugpy, at, named)
+    options = onboard_run.OnboardOptions(folder, isolate, debugpy, at, ros2, router or "", named)
     with out_folder.remove_if_empty(folder):
         prepared = onboard_run.prepare(loaded, robot, options, console.print)
         compile_kernels(onboard=True)  # reports progress: it takes a minute, five on a small board

@@ -12,6 +12,8 @@ from acrc_testbed.command_line.shared_options import (
     Modules,
     Record,
     Robots,
+    Ros2,
+    Router,
     ScenarioFile,
     Seed,
     Setting,
@@ -93,6 +95,8 @@ def run(
         list[str] | None,
         option("ID", "With --view: show this robot's perception; repeatable.  [default: the first eight]"),
     ] = None,
+    ros2: Ros2 = False,
+    router: Router = None,
     debug: Annotated[
         str | None,
         option(
@@ -179,6 +183,8 @@ def run(
         scenario=file.name,
         hidden=(scenario.absolute(),) if scenario else (),
         view=view,
+        ros2=ros2,
+        router=router or "",
         debug=debug,
         control=control,
         hardware=hardware,
@@ -213,7 +219,7 @@ def run(
         adapted = naive and checked.run.strategy not in {naive, *_BASELINES}
         baseline = [*_baseline_arguments(sys.argv[1:], out, naive)] if adapted else ()
         summary.print_next_commands(options.out, baseline, options.modules)
-    if view:
+    if view or ros2:
         summary.print_observer_messages(options.out)
     require_delivery(result.undelivered, result.not_delivered)
     if check:

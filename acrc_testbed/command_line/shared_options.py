@@ -75,6 +75,14 @@ ScenarioFile = Annotated[
 ]
 FleetFile = Annotated[Path, argument("FLEET.toml", "Fleet file, which lists the robots.")]
 Json = Annotated[bool, flag("Print only JSON on standard output.", "--json")]
+Ros2 = Annotated[bool, flag("Publish live topics for ROS 2 tools (rmw_zenoh).", "--ros2")]
+Router = Annotated[
+    str | None,
+    option(
+        "ENDPOINT",
+        "With --ros2: connect to this Zenoh router, or be it.  [default: tcp/127.0.0.1:7447]",
+    ),
+]
 OperatorKeys = Annotated[Path, option("DIR", "Use these keys of the operator, from `acrc fleet keys`.")]
 Endpoints = Annotated[
     list[str], argument("ENDPOINT…", "Endpoints of the robots, such as tls/192.168.1.12:7447.")

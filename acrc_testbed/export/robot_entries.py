@@ -1,10 +1,13 @@
-"""Log entries of a run: map, poses, scans, commands, introspection and markers."""
+"""ROS 2 messages of a run: map, poses, scans, commands, introspection and markers.
+
+The log of `acrc export --mcap` and the live topics of `--ros2` consist of these entries.
+"""
 
 from collections import Counter
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from heapq import merge
 from itertools import groupby
-from pathlib import Path
+from operator import attrgetter
 from typing import Any, Final
 
 import numpy as np
@@ -23,10 +26,10 @@ from acrc_testbed.export.ros2_log import (
     lines,
     marker_array,
     occupancy_grid,
+    robot_topic,
 )
-from acrc_testbed.run_model.data import RunData, Trajectory
+from acrc_testbed.run_model.data import RunData, RunDescription, Trajectory
 from acrc_testbed.run_model.floor import FloorObject
-from acrc_testbed.run_model.recording_readers import messages_on
 from acrc_testbed.run_model.robot_introspection import PointSets, RecordedProcess, RobotInternals
 from acrc_testbed.run_model.task_state import ItemState, ItemTable
 from actors.array_types import Floats, Octets, Singles
@@ -34,9 +37,9 @@ from actors.floor.grid import FREE, OCCUPIED, OccupancyGrid
 from actors.geometry import Pose
 from actors.instant import LATEST
 from actors.items import ItemKey
-from actors.messages import NO_ECHO_MM, SENSES, Scan, SensorData
+from actors.messages import NO_ECHO_MM, Scan, SensorData
 from actors.observer import glyphs
-from actors.observer.glyphs import MARKS
+from actors.observer.glyphs import MARKS, Colour
 from actors.robot_model import RobotModel
 
 _NEAR_S: Final = 1e-6
@@ -46,6 +49,102 @@ _BEFORE_S: Final = 1.0
 _INSCRIBED: Final = 253
 """Cost of cells within the inscribed radius, as in costmap_2d; 254 is lethal, 255 unknown."""
 _LETHAL: Final = 254
+Senses = Mapping[str, Iterable[SensorData]]
+"""Sensor data of a run, or of its next part, by actor: a process of a robot."""
+
+
+class RunEntries:
+    """Entries of a run, whole or in successive parts: the results are equal."""
+
+    def __init__(
+        self, description: RunDescription, models: Mapping[str, RobotModel], robots: Sequence[str] = ()
+    ) -> None:
+        """`robots`: show all data of these, and only the poses of others; empty: of all."""
+        self._description, self._models, self._detailed = description, models, robots or description.robots
+        self.left_out = Counter[str]()
+        """Number of messages with invalid instants or ranges, by topic."""
+        self._is_first = True
+        self._items, self._shown_items = ItemTable(), dict[ItemKey, tuple[float, float, str]]()
+        self._states = dict.fromkeys(models, "")
+        self._destinations: dict[str, tuple[str, tuple[float, float] | None]] = {}
+        """Destination and point by actor."""
+        self._links = LinkEntries(description)
+
+    def take(self, run: RunData, senses: Senses) -> Iterator[LogEntry]:
+        """Yield the entries of the next part by time; entries of one instant keep the order of their kinds.
+
+        Raises RecordingError and WireError, if `senses` does.
+        """
+        return merge(*self._streams(run, senses), key=attrgetter("logged"))
+
+    def _streams(self, run: RunData, senses: Senses) -> Iterator[Iterator[LogEntry]]:
+        if self._is_first:
+            self._is_first = False
+            yield iter((map_entry(run.grid), static_frames(self._models), self._body_entry(0.0)))
+        yield from (self._item_entries(run), self._body_entries(run), obstacle_entries(run))
+        yield true_entries(run)
+        yield from self._estimate_streams(run)
+        detailed = [one for one in run.processes if one.robot in self._detailed]
+        for source in detailed:
+            track, model = run.trajectories[source.robot], self._models[source.robot]
+            yield sensor_entries(source, senses.get(source.actor, ()), track, model, self.left_out)
+        yield self._links.take(run)
+        for internals in run.internals:
+            if internals.process.robot in self._detailed:
+                yield self._activity_entries(internals)
+                yield from internal_streams(internals)
+        for robot in dict.fromkeys(source.robot for source in detailed):
+            yield command_entries(robot, run.trajectories[robot])
+
+    def _estimate_streams(self, run: RunData) -> Iterator[Iterator[LogEntry]]:
+        """Yield the pose estimates, with covariances from the robots' introspection if it was recorded."""
+        recorded = [one for one in run.internals if one.is_recorded]
+        yield from map(estimate_entries, recorded)
+        names = {one.process.robot for one in recorded}
+        for robot, track in run.trajectories.items():
+            if robot not in names:
+                yield plain_estimate_entries(robot, track)
+
+    def _item_entries(self, run: RunData) -> Iterator[LogEntry]:
+        """Yield all items at each change of state: solid while open, then faint; grey if not done."""
+        for change in self._items.extend(run):
+            states = self._items.states
+            current = {key: (one.x, one.y, one.state) for key, one in states.items()}
+            if current != self._shown_items:
+                self._shown_items = current
+                yield _marker_entry(change.second, "/acrc/items", _item_markers(run, states))
+
+    def _body_entries(self, run: RunData) -> Iterator[LogEntry]:
+        """Yield the robots' discs at each change of state: faint while frozen, grey while off."""
+        changes = [
+            (second, robot, state)
+            for robot, track in run.trajectories.items()
+            for second, state in track.states
+            if robot in self._states
+        ]
+        for second, now in groupby(sorted(changes), key=lambda one: one[0]):
+            before = dict(self._states)
+            self._states |= {robot: state for _, robot, state in now}
+            if self._states != before:
+                yield self._body_entry(second)
+
+    def _body_entry(self, second: float) -> LogEntry:
+        markers = _body_markers(self._description, self._models, self._states)
+        return _marker_entry(second, "/acrc/robots", markers)
+
+    def _activity_entries(self, robot: RobotInternals) -> Iterator[LogEntry]:
+        """Yield the activities as log lines, and each new destination."""
+        name = robot.process.robot
+        colour = glyphs.robot(self._description.robots.index(name))
+        times = _ascending_instants([one.second for one in robot.activities])
+        for time, one in zip(times, robot.activities, strict=True):
+            where = f" to {one.destination}" if one.destination else ""
+            yield LogEntry(time, "/rosout", ros2_log.log_line(name, one.activity + where, time), time)
+            destination = (one.destination, one.point)
+            if destination != self._destinations.get(robot.process.actor, ("", None)):
+                self._destinations[robot.process.actor] = destination
+                markers = _destination_markers(*destination, colour)
+                yield LogEntry(time, robot_topic(name, "destination"), marker_array(markers, time), time)
 
 
 def true_entries(run: RunData) -> Iterator[LogEntry]:
@@ -58,33 +157,48 @@ def true_entries(run: RunData) -> Iterator[LogEntry]:
         at = round(second * 1e6)
         yield _frames_entry(at, [Transform(MAP, f"{robot}/truth", pose) for robot, pose in poses])
         for robot, pose in poses:
-            yield _pose_entry(at, f"/{robot}/truth", pose)
+            yield LogEntry(at, robot_topic(robot, "truth"), ros2_log.placed_pose(pose, at), at)
 
 
-def estimate_entries(robot: str, track: Trajectory) -> Iterator[LogEntry]:
-    """Yield the pose estimates that a robot reported."""
+def estimate_entries(robot: RobotInternals) -> Iterator[LogEntry]:
+    """Yield the pose estimates with the covariance of the filter, except during global localisation."""
+    times = _ascending_instants([one.second for one in robot.step_estimates])
+    for at, one in zip(times, robot.step_estimates, strict=True):
+        if one.quality.located:
+            yield _estimate_entry(robot.process.robot, Pose(*one.pose), one.quality.covariance, at)
+
+
+def plain_estimate_entries(robot: str, track: Trajectory) -> Iterator[LogEntry]:
+    """Yield the pose estimates that a robot reported; covariances are 0 (unknown)."""
     for second, estimate in zip(track.seconds.tolist(), track.estimated.tolist(), strict=True):
         if estimate[0] == estimate[0]:
-            yield _pose_entry(round(second * 1e6), f"/{robot}/pose", Pose(*estimate))
+            yield _estimate_entry(robot, Pose(*estimate), (0.0,) * 9, round(second * 1e6))
+
+
+def _estimate_entry(robot: str, pose: Pose, covariance: Sequence[float], at: int) -> LogEntry:
+    message = ros2_log.uncertain_pose(pose, covariance, at)
+    return LogEntry(at, robot_topic(robot, "amcl_pose"), message, at)
 
 
 def sensor_entries(
-    path: Path, source: RecordedProcess, track: Trajectory, model: RobotModel, left_out: Counter[str]
+    source: RecordedProcess,
+    sensed: Iterable[SensorData],
+    track: Trajectory,
+    model: RobotModel,
+    left_out: Counter[str],
 ) -> Iterator[LogEntry]:
-    """Yield odometry, scans and frames of a robot's process. Raises RecordingError and WireError.
-
-    `left_out` counts invalid messages by topic.
-    """
+    """Yield odometry, scans and frames of a robot's process; `left_out` counts invalid messages by topic."""
     robot, clock = source.robot, source.clock
-    for _, senses in messages_on(path, SENSES):
+    odometry, scanned = robot_topic(robot, "odom"), robot_topic(robot, "scan")
+    for senses in sensed:
         if senses.halt:
             continue
         if abs(senses.instant) > LATEST:
-            left_out[f"/{robot}/odom"] += 1
+            left_out[odometry] += 1
             continue
         received = [*senses.earlier_scans, *(() if senses.scan is None else (senses.scan,))]
         scans = [one for one in received if _is_valid_scan(one, model)]
-        left_out[f"/{robot}/scan"] += len(received) - len(scans)
+        left_out[scanned] += len(received) - len(scans)
         instants = np.array([senses.instant, *(scan.stamp for scan in scans)], np.int64)
         second, *stamps = clock(instants).tolist()
         yield from _odometry_entries(robot, senses, second, _estimate_at(track, second))
@@ -93,14 +207,14 @@ def sensor_entries(
                 continue
             at = round(stamp * 1e6)
             sweep = ros2_log.laser_scan(f"{robot}/laser", model.sensor, _ranges(scan), at)
-            yield LogEntry(round(second * 1e6), f"/{robot}/scan", sweep, at)
+            yield LogEntry(round(second * 1e6), scanned, sweep, at)
 
 
 def command_entries(robot: str, track: Trajectory) -> Iterator[LogEntry]:
     """Yield the commanded velocities, at the instants of the senses that they answer."""
     for second, (vx, vy, omega) in zip(track.seconds.tolist(), track.commanded.tolist(), strict=True):
         if not np.isnan(vx) and abs(at := round(second * 1e6)) <= LATEST:
-            yield LogEntry(at, f"/{robot}/cmd_vel", ros2_log.twist(vx, vy, omega), at)
+            yield LogEntry(at, robot_topic(robot, "cmd_vel"), ros2_log.twist(vx, vy, omega), at)
 
 
 def _is_valid_scan(scan: Scan, model: RobotModel) -> bool:
@@ -119,7 +233,8 @@ def _odometry_entries(
     at = round(second * 1e6)
     yield _frames_entry(at, frames)
     velocity = ros2_log.twist(sensed.vx, sensed.vy, sensed.omega)
-    yield LogEntry(at, f"/{robot}/odom", ros2_log.odometry(odom, base, odometry, velocity, at), at)
+    message = ros2_log.odometry(odom, base, odometry, velocity, at)
+    yield LogEntry(at, robot_topic(robot, "odom"), message, at)
 
 
 def _estimate_at(track: Trajectory, second: float) -> Pose | None:
@@ -136,15 +251,11 @@ def _ranges(scan: Scan) -> Singles:
     return np.where(millimetres == NO_ECHO_MM, np.inf, millimetres / 1000.0).astype(np.float32)
 
 
-def internal_entries(robot: RobotInternals) -> Iterator[LogEntry]:
-    """Yield a robot's introspection in order of time."""
-    return merge(
-        _activity_entries(robot),
-        _point_entries(robot, "particles", robot.particles, ros2_log.point_cloud),
-        _cost_map_entries(robot),
-        _point_entries(robot, "plan", robot.plans, ros2_log.path),
-        key=lambda one: one.logged,
-    )
+def internal_streams(robot: RobotInternals) -> Iterator[Iterator[LogEntry]]:
+    """Yield streams of a robot's introspection, each in order of time."""
+    yield _point_entries(robot, "particles", robot.particles, ros2_log.point_cloud)
+    yield _cost_map_entries(robot)
+    yield _point_entries(robot, "plan", robot.plans, ros2_log.path)
 
 
 def _ascending_instants(seconds: Sequence[float] | Floats) -> list[int]:
@@ -157,28 +268,17 @@ def _point_entries(
     robot: RobotInternals, name: str, sets: PointSets, message: Callable[[Points, int], Any]
 ) -> Iterator[LogEntry]:
     """Yield a message for each set of points."""
+    topic = robot_topic(robot.process.robot, name)
     for time, points in zip(_ascending_instants(sets.seconds), sets.sets(), strict=True):
-        yield LogEntry(time, f"/{robot.process.robot}/{name}", message(points, time), time)
+        yield LogEntry(time, topic, message(points, time), time)
 
 
 def _cost_map_entries(robot: RobotInternals) -> Iterator[LogEntry]:
-    topic, windows = f"/{robot.process.robot}/local_costmap", robot.windows
+    topic, windows = robot_topic(robot.process.robot, "local_costmap/costmap"), robot.windows
     times = _ascending_instants(windows.seconds)
     for time, costs, corner in zip(times, windows.costs, windows.corners.tolist(), strict=True):
         grid = ros2_log.occupancy_grid(Pose(*corner), windows.cell, occupancy(costs), time)
         yield LogEntry(time, topic, grid, time)
-
-
-def _activity_entries(robot: RobotInternals) -> Iterator[LogEntry]:
-    """Yield the activities as log lines, and each new goal."""
-    before, name = None, robot.process.robot
-    times = _ascending_instants([one.second for one in robot.activities])
-    for time, one in zip(times, robot.activities, strict=True):
-        where = f" to {one.destination}" if one.destination else ""
-        yield LogEntry(time, "/rosout", ros2_log.log_line(name, one.activity + where, time), time)
-        if one.point is not None and one.point != before:
-            yield _pose_entry(time, f"/{name}/goal", Pose(*one.point, 0.0))
-        before = one.point
 
 
 def occupancy(costs: Octets) -> NDArray[np.int8]:
@@ -205,10 +305,6 @@ def _frames_entry(at: int, frames: list[Transform]) -> LogEntry:
     return LogEntry(at, "/tf", ros2_log.transforms(frames, at), at)
 
 
-def _pose_entry(at: int, topic: str, pose: Pose) -> LogEntry:
-    return LogEntry(at, topic, ros2_log.placed_pose(pose, at), at)
-
-
 _ITEM_RADIUS: Final = 0.15
 _FLAT: Final = 0.02
 _HIGH: Final = 0.4
@@ -227,16 +323,6 @@ def map_entry(grid: OccupancyGrid) -> LogEntry:
     return LogEntry(0, "/map", occupancy_grid(corner, grid.resolution, values, 0), 0)
 
 
-def item_entries(run: RunData) -> Iterator[LogEntry]:
-    """Yield all items of the task at each change of state: solid while open, then faint; grey if not done."""
-    table, previous = ItemTable(), dict[ItemKey, tuple[float, float, str]]()
-    for change in table.extend(run):
-        current = {key: (one.x, one.y, one.state) for key, one in table.states.items()}
-        if current != previous:
-            previous = current
-            yield _marker_entry(change.second, "/items", _item_markers(run, table.states))
-
-
 def _item_markers(run: RunData, states: Mapping[ItemKey, ItemState]) -> list[Marker]:
     markers = []
     for key, state in states.items():
@@ -250,28 +336,13 @@ def _item_markers(run: RunData, states: Mapping[ItemKey, ItemState]) -> list[Mar
     return markers
 
 
-def body_entries(run: RunData, models: Mapping[str, RobotModel]) -> Iterator[LogEntry]:
-    """Yield the robots' discs at each change of state: faint while frozen, grey while off."""
-    states = dict.fromkeys(models, "")
-    changes = [
-        (second, robot, state)
-        for robot, track in run.trajectories.items()
-        for second, state in track.states
-        if robot in states
-    ]
-    yield _marker_entry(0.0, "/robots", _body_markers(run, models, states))
-    for second, now in groupby(sorted(changes), key=lambda one: one[0]):
-        before = dict(states)
-        states |= {robot: state for _, robot, state in now}
-        if states != before:
-            yield _marker_entry(second, "/robots", _body_markers(run, models, states))
-
-
-def _body_markers(run: RunData, models: Mapping[str, RobotModel], states: Mapping[str, str]) -> list[Marker]:
+def _body_markers(
+    run: RunDescription, models: Mapping[str, RobotModel], states: Mapping[str, str]
+) -> list[Marker]:
     markers = []
     for number, robot in enumerate(run.robots):
         if robot in models:
-            frame = f"{robot}/{'truth' if run.description.has_truth else 'base_link'}"
+            frame = f"{robot}/{'truth' if run.has_truth else 'base_link'}"
             colour = glyphs.GREY if states[robot] == "off" else glyphs.robot(number)
             body = disc(robot, (0.0, 0.0), models[robot].footprint.circumradius, _HIGH, colour)
             markers.append(body._replace(opacity=0.4 if states[robot] else 0.9, frame=frame))
@@ -280,10 +351,21 @@ def _body_markers(run: RunData, models: Mapping[str, RobotModel], states: Mappin
     return markers
 
 
+def _destination_markers(name: str, point: tuple[float, float] | None, colour: Colour) -> list[Marker]:
+    """Return a disc at the goal of navigation with the name of the item there; nothing without a goal."""
+    if point is None:
+        return []
+    text = label("name", name, _LETTERS, colour)
+    return [
+        disc("goal", point, 2 * _ITEM_RADIUS, _FLAT / 2, colour)._replace(opacity=0.5),
+        text._replace(position=(*point, text.position[2])),
+    ]
+
+
 def obstacle_entries(run: RunData) -> Iterator[LogEntry]:
     """Yield obstacles, walls, jammers and closed doors at each change."""
     for second, objects in run.floor:
-        yield _marker_entry(second, "/things", [_obstacle_marker(*one) for one in enumerate(objects)])
+        yield _marker_entry(second, "/acrc/things", [_obstacle_marker(*one) for one in enumerate(objects)])
 
 
 def _obstacle_marker(number: int, floor_object: FloorObject) -> Marker:
@@ -298,28 +380,45 @@ def _obstacle_marker(number: int, floor_object: FloorObject) -> Marker:
     return marker._replace(opacity=0.3 if is_jammer else 1.0)
 
 
-def link_entries(run: RunData) -> Iterator[LogEntry]:
-    """Yield, once per second, a line for each pair of robots that exchanged a frame in this second."""
-    tracks = list(run.trajectories.values())
-    for period in range(1, int(run.end / _PERIOD_S) + 1):
-        second = period * _PERIOD_S
-        first, last = np.searchsorted(run.heard[:, 0], (second - _PERIOD_S, second))
-        pairs = np.unique(np.sort(run.heard[first:last, 1:3].astype(np.int64), axis=1), axis=0)
-        points: list[tuple[float, float]] = []
-        for one, other in pairs.tolist():
-            ends = [_last_position(tracks[index], second) for index in (one, other)]
-            points += [end for end in ends if end is not None] if None not in ends else []
-        links = [lines("links", tuple(points), _LINK, glyphs.LINK)] if points else []
-        yield _marker_entry(second, "/links", links)
+class LinkEntries:
+    """Once per second, a line for each pair of robots that exchanged a frame in this second."""
+
+    def __init__(self, description: RunDescription) -> None:
+        self._positions: list[tuple[float, float] | None] = [None] * len(description.robots)
+        """Last positions of the previous parts, m; None: unknown."""
+        self._heard: Floats = np.zeros((0, 4))
+        """`RunData.heard` of the current second."""
+
+    def take(self, run: RunData) -> Iterator[LogEntry]:
+        """Yield the entries of the next part."""
+        tracks = list(run.trajectories.values())
+        heard = np.concatenate((self._heard, run.heard))
+        for period in range(int(run.since / _PERIOD_S) + 1, int(run.end / _PERIOD_S) + 1):
+            second = period * _PERIOD_S
+            is_current = (second - _PERIOD_S <= heard[:, 0]) & (heard[:, 0] < second)
+            pairs = np.unique(np.sort(heard[is_current, 1:3].astype(np.int64), axis=1), axis=0)
+            positions = [_last_position(*each, second) for each in zip(tracks, self._positions, strict=True)]
+            points: list[tuple[float, float]] = []
+            for pair in pairs.tolist():
+                ends = [end for index in pair if (end := positions[index]) is not None]
+                points += ends if len(ends) == len(pair) else []
+            links = [lines("links", tuple(points), _LINK, glyphs.LINK)] if points else []
+            yield _marker_entry(second, "/acrc/links", links)
+        self._positions = [
+            _last_position(*each, run.end) for each in zip(tracks, self._positions, strict=True)
+        ]
+        self._heard = heard[heard[:, 0] >= int(run.end / _PERIOD_S) * _PERIOD_S]
 
 
-def _last_position(track: Trajectory, second: float) -> tuple[float, float] | None:
-    """Return the last position of a robot until then, m; None: unknown."""
+def _last_position(
+    track: Trajectory, before: tuple[float, float] | None, second: float
+) -> tuple[float, float] | None:
+    """Return the last position of a robot until then, m; `before`: of the previous part; None: unknown."""
     at = int(np.searchsorted(track.seconds, second, side="right")) - 1
-    if at < 0 or np.isnan(track.poses[at, 0]):
-        return None
+    if at < 0:
+        return before
     x, y = track.poses[at, :2].tolist()
-    return x, y
+    return None if np.isnan(x) else (x, y)
 
 
 def _marker_entry(second: float, topic: str, markers: list[Marker]) -> LogEntry:

@@ -1,26 +1,26 @@
-"""ROS 2 messages and their MCAP file (profile `ros2`, CDR) for rosbag2, RViz and Foxglove.
+"""ROS 2 topics and messages of a run, and their MCAP file (profile `ros2`, CDR) for rosbag2.
 
-Definitions are those of ROS 2 Humble, which later releases also read. Frames follow REP 105: `map`, and per
-robot `rN/odom`, `rN/base_link` and `rN/laser`; `rN/truth` is the true pose of its base. Lengths are in m,
-angles in rad. Equal entries give equal bytes.
+RViz and Foxglove show them from the file, or live. Frames follow REP 105: `map`, and per robot `rN/odom`,
+`rN/base_link` and `rN/laser`; `rN/truth` is the true pose of its base. Lengths are in m, angles in rad. Equal
+entries give equal bytes.
 """
 
-import tempfile
 from collections import Counter
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
-from typing import Any, Final, NamedTuple, Self
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 from mcap.writer import CompressionType, Writer
 from numpy.typing import NDArray
-from rosbags.typesys import Stores, get_typestore
 
-from actors.array_types import Singles
+from actors.array_types import Floats, Singles
 from actors.geometry import Pose
 from actors.observer.glyphs import Colour
 from actors.portable import cos_sin
 from actors.robot_model import RangeSensor
+from firmware_bridge.ros2.message_types import STORE, encode, new
+from firmware_bridge.ros2.names import LATCHED_QOS, QosProfile
 
 Points = Singles
 """(n, 2): x and y, m."""
@@ -28,28 +28,33 @@ MAP: Final = "map"
 """Frame of the floor plan."""
 UNKNOWN_CELL: Final = -1
 """Value of an unknown cell of an occupancy grid; 0: free, 100: occupied."""
-TYPES: Final = {
-    "tf": "tf2_msgs/msg/TFMessage",
-    "tf_static": "tf2_msgs/msg/TFMessage",
-    "map": "nav_msgs/msg/OccupancyGrid",
-    "items": "visualization_msgs/msg/MarkerArray",
-    "robots": "visualization_msgs/msg/MarkerArray",
-    "things": "visualization_msgs/msg/MarkerArray",
-    "links": "visualization_msgs/msg/MarkerArray",
-    "rosout": "rcl_interfaces/msg/Log",
+SHARED_TYPES: Final = {
+    "/tf": "tf2_msgs/msg/TFMessage",
+    "/tf_static": "tf2_msgs/msg/TFMessage",
+    "/map": "nav_msgs/msg/OccupancyGrid",
+    "/rosout": "rcl_interfaces/msg/Log",
+    "/acrc/items": "visualization_msgs/msg/MarkerArray",
+    "/acrc/robots": "visualization_msgs/msg/MarkerArray",
+    "/acrc/things": "visualization_msgs/msg/MarkerArray",
+    "/acrc/links": "visualization_msgs/msg/MarkerArray",
+}
+"""Message type of each topic of the run as a whole."""
+ROBOT_TYPES: Final = {
     "truth": "geometry_msgs/msg/PoseStamped",
-    "pose": "geometry_msgs/msg/PoseStamped",
-    "goal": "geometry_msgs/msg/PoseStamped",
+    "amcl_pose": "geometry_msgs/msg/PoseWithCovarianceStamped",
+    "destination": "visualization_msgs/msg/MarkerArray",
     "odom": "nav_msgs/msg/Odometry",
     "cmd_vel": "geometry_msgs/msg/Twist",
     "scan": "sensor_msgs/msg/LaserScan",
     "plan": "nav_msgs/msg/Path",
     "particles": "sensor_msgs/msg/PointCloud2",
-    "local_costmap": "nav_msgs/msg/OccupancyGrid",
+    "local_costmap/costmap": "nav_msgs/msg/OccupancyGrid",
 }
-"""Message type of each topic, by the last part of its name."""
-LATCHED: Final = frozenset({"tf_static", "map", "items", "robots", "things"})
-"""Topics with durability transient local."""
+"""Message type of each topic of a robot, by `robot_topic`."""
+CLOCK: Final = "/clock"
+CLOCK_TYPE: Final = "rosgraph_msgs/msg/Clock"
+_LATCHED: Final = frozenset({"tf_static", "map", "items", "robots", "things", "destination"})
+"""Last parts of topics with durability transient local."""
 _INFINITE: Final = "{sec: 9223372036, nsec: 854775807}"
 _QOS: Final = (
     "- history: 1\n  depth: {depth}\n  reliability: 1\n  durability: {durability}\n  deadline: {ever}\n"
@@ -57,17 +62,17 @@ _QOS: Final = (
     "  avoid_ros_namespace_conventions: false\n"
 )
 """Keep last, reliable, automatic liveliness, as numbers of rmw; rosbag2 reads them up to bag version 8."""
-_TRANSIENT_LOCAL, _VOLATILE, _DEPTH = 1, 2, 10
+_TRANSIENT_LOCAL, _VOLATILE = 1, 2
 _INFO: Final = 20
 _FLOAT32: Final = 7
+_PLANAR: Final = (0, 1, 5)
+"""Rows of x, y and rotation about z in a covariance of ROS 2."""
 _ADD, _DELETE_ALL = 0, 3
 _CYLINDER, _LINE_LIST, _TEXT = 3, 5, 9
 _LATEST: Final = 2**31 * 1_000_000
 """End of the range of a ROS 2 time, µs."""
 _CHUNK: Final = 4 << 20
 """Size of a chunk of the file, bytes; readers keep one in memory."""
-_STORE: Final = get_typestore(Stores.ROS2_HUMBLE)
-_CLASSES: Final[dict[str, Any]] = dict(_STORE.types)
 
 _Vector = tuple[float, float, float]
 
@@ -78,11 +83,35 @@ class LogEntry(NamedTuple):
     logged: int
     """Log time, µs of the run."""
     topic: str
-    """Topic such as `/map` or `/r1/scan`."""
+    """Topic such as `/map` or `/acrc/r1/scan`."""
     message: Any
-    """A ROS 2 message, or its CDR bytes."""
+    """A ROS 2 message."""
     stamp: int
     """Stamp of the header, µs."""
+
+    def encode(self) -> bytes:
+        """Return the CDR bytes of the message."""
+        return encode(self.message, topic_type(self.topic))
+
+
+def robot_topic(robot: str, name: str) -> str:
+    """Return a topic of ROBOT_TYPES. The namespace differs from those of physical robots' own topics.
+
+    Thus neither the base of a robot nor this program's driver subscribes to it, even on the robot's router.
+    """
+    return f"/acrc/{robot}/{name}"
+
+
+def topic_type(topic: str) -> str:
+    """Return the message type of a topic."""
+    if topic == CLOCK:
+        return CLOCK_TYPE
+    return SHARED_TYPES.get(topic) or ROBOT_TYPES[topic.split("/", 3)[3]]
+
+
+def topic_qos(topic: str) -> QosProfile:
+    """Return the quality of service of a topic's publisher."""
+    return LATCHED_QOS if topic.rpartition("/")[2] in _LATCHED else QosProfile()
 
 
 class Transform(NamedTuple):
@@ -125,31 +154,47 @@ def label(name: str, text: str, size: float, colour: Colour) -> Marker:
 
 def transforms(frames: Iterable[Transform], stamp: int) -> Any:
     """Return a TFMessage."""
-    return _new("tf2_msgs/TFMessage", transforms=[_transform(one, stamp) for one in frames])
+    return new("tf2_msgs/TFMessage", transforms=[_transform(one, stamp) for one in frames])
 
 
 def placed_pose(pose: Pose, stamp: int) -> Any:
     """Return a PoseStamped."""
-    return _new("geometry_msgs/PoseStamped", header=_header(MAP, stamp), pose=_pose(pose))
+    return new("geometry_msgs/PoseStamped", header=_header(MAP, stamp), pose=_pose(pose))
+
+
+def uncertain_pose(pose: Pose, covariance: Sequence[float] | Floats, stamp: int) -> Any:
+    """Return a PoseWithCovarianceStamped; `covariance`: (3, 3) of x, y and heading, row by row."""
+    full = np.zeros((6, 6))
+    full[np.ix_(_PLANAR, _PLANAR)] = np.reshape(covariance, (3, 3))
+    placed = new("geometry_msgs/PoseWithCovariance", pose=_pose(pose), covariance=full.reshape(-1))
+    return new("geometry_msgs/PoseWithCovarianceStamped", header=_header(MAP, stamp), pose=placed)
+
+
+def clock(stamp: int) -> Any:
+    """Return a Clock message."""
+    return new("rosgraph_msgs/Clock", clock=_time(stamp))
 
 
 def odometry(frame: str, child: str, pose: Pose, velocity: Any, stamp: int) -> Any:
-    """Return an Odometry; `velocity`: a Twist in the child's frame. Covariances are 0 (unknown)."""
+    """Return an Odometry; `velocity`: a Twist in the child's frame. Covariances are 0 (unknown).
+
+    The odometry's errors since switch-on have no bound; the filter models those of a single motion.
+    """
     unknown = np.zeros(36)
-    placed = _new("geometry_msgs/PoseWithCovariance", pose=_pose(pose), covariance=unknown)
-    moving = _new("geometry_msgs/TwistWithCovariance", twist=velocity, covariance=unknown)
+    placed = new("geometry_msgs/PoseWithCovariance", pose=_pose(pose), covariance=unknown)
+    moving = new("geometry_msgs/TwistWithCovariance", twist=velocity, covariance=unknown)
     header = _header(frame, stamp)
-    return _new("nav_msgs/Odometry", header=header, child_frame_id=child, pose=placed, twist=moving)
+    return new("nav_msgs/Odometry", header=header, child_frame_id=child, pose=placed, twist=moving)
 
 
 def twist(vx: float, vy: float, omega: float) -> Any:
     """Return a Twist, m/s and rad/s."""
-    return _new("geometry_msgs/Twist", linear=_vector(vx, vy), angular=_vector(0.0, 0.0, omega))
+    return new("geometry_msgs/Twist", linear=_vector(vx, vy), angular=_vector(0.0, 0.0, omega))
 
 
 def laser_scan(frame: str, sensor: RangeSensor, ranges: Singles, stamp: int) -> Any:
     """Return a LaserScan of (rays,) ranges, m, counter-clockwise; inf: no echo within range (REP 117)."""
-    return _new(
+    return new(
         "sensor_msgs/LaserScan", header=_header(frame, stamp), angle_min=sensor.first_angle,
         angle_max=sensor.first_angle + (sensor.rays - 1) * sensor.increment,
         angle_increment=sensor.increment, time_increment=0.0, scan_time=1 / sensor.rate,
@@ -161,17 +206,17 @@ def laser_scan(frame: str, sensor: RangeSensor, ranges: Singles, stamp: int) -> 
 def path(points: Points, stamp: int) -> Any:
     """Return a Path in the map frame; it is empty when the plan was dropped."""
     poses = [placed_pose(Pose(x, y, 0.0), stamp) for x, y in points.tolist()]
-    return _new("nav_msgs/Path", header=_header(MAP, stamp), poses=poses)
+    return new("nav_msgs/Path", header=_header(MAP, stamp), poses=poses)
 
 
 def point_cloud(points: Points, stamp: int) -> Any:
     """Return a PointCloud2 in the map frame with z = 0."""
     fields = [
-        _new("sensor_msgs/PointField", name=name, offset=4 * number, datatype=_FLOAT32, count=1)
+        new("sensor_msgs/PointField", name=name, offset=4 * number, datatype=_FLOAT32, count=1)
         for number, name in enumerate("xyz")
     ]
     data = np.pad(points.astype("<f4"), ((0, 0), (0, 1))).tobytes()
-    return _new(
+    return new(
         "sensor_msgs/PointCloud2", header=_header(MAP, stamp), height=1, width=len(points), fields=fields,
         is_bigendian=False, point_step=12, row_step=len(data), data=np.frombuffer(data, np.uint8),
         is_dense=True,
@@ -181,23 +226,23 @@ def point_cloud(points: Points, stamp: int) -> Any:
 def occupancy_grid(corner: Pose, cell: float, values: NDArray[np.int8], stamp: int) -> Any:
     """Return an OccupancyGrid of (rows, columns) cells of edge `cell`, m, with the first one at `corner`."""
     rows, columns = values.shape
-    info = _new(
+    info = new(
         "nav_msgs/MapMetaData", map_load_time=_time(stamp), resolution=cell, width=columns, height=rows,
         origin=_pose(corner),
     )  # fmt: skip
-    return _new("nav_msgs/OccupancyGrid", header=_header(MAP, stamp), info=info, data=values.reshape(-1))
+    return new("nav_msgs/OccupancyGrid", header=_header(MAP, stamp), info=info, data=values.reshape(-1))
 
 
 def marker_array(markers: Sequence[Marker], stamp: int) -> Any:
     """Return a MarkerArray that replaces all markers of its topic."""
     drawn = [_marker(label("", "", 0.0, (0, 0, 0)), 0, stamp, _DELETE_ALL)]
     drawn += [_marker(one, number, stamp, _ADD) for number, one in enumerate(markers)]
-    return _new("visualization_msgs/MarkerArray", markers=drawn)
+    return new("visualization_msgs/MarkerArray", markers=drawn)
 
 
 def log_line(robot: str, text: str, stamp: int) -> Any:
     """Return a Log message of level INFO."""
-    return _new(
+    return new(
         "rcl_interfaces/Log", stamp=_time(stamp), level=_INFO, name=robot, msg=text, file="", function="",
         line=0,
     )  # fmt: skip
@@ -224,116 +269,69 @@ def write(file: Path, entries: Iterable[LogEntry], left_out: Counter[str]) -> Co
                 channels[one.topic] = _channel(writer, one.topic, schemas)
             sequence = counts[one.topic]
             writer.add_message(
-                channels[one.topic], one.logged * 1000, _encoded(one), one.stamp * 1000, sequence
+                channels[one.topic], one.logged * 1000, one.encode(), one.stamp * 1000, sequence
             )
             counts[one.topic] += 1
         writer.finish()  # type: ignore[no-untyped-call]
     return counts
 
 
-class Spool:
-    """Encoded messages, sorted by time in a temporary file; a context manager."""
-
-    def __init__(self) -> None:
-        self._file = tempfile.TemporaryFile()  # noqa: SIM115
-        self._index: list[tuple[int, str, int, int]] = []
-        """Instant, topic, offset in the file, and size of each message."""
-        self._end = 0
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self._file.close()
-
-    def extend(self, entries: Iterable[LogEntry]) -> None:
-        """Store messages."""
-        for one in entries:
-            data = _encoded(one)
-            self._file.write(data)
-            self._index.append((one.logged, one.topic, self._end, len(data)))
-            self._end += len(data)
-
-    def entries(self) -> Iterator[LogEntry]:
-        """Yield all messages by instant, topic and order of storing."""
-        for logged, topic, begin, size in sorted(self._index):
-            self._file.seek(begin)
-            yield LogEntry(logged, topic, self._file.read(size), logged)
-
-
-def _type(topic: str) -> str:
-    return TYPES[topic.rpartition("/")[2]]
-
-
-def _encoded(one: LogEntry) -> bytes:
-    if isinstance(one.message, bytes):
-        return one.message
-    return bytes(_STORE.serialize_cdr(one.message, _type(one.topic)))
-
-
 def _channel(writer: Writer, topic: str, schemas: dict[str, int]) -> int:
-    kind = _type(topic)
+    kind, qos = topic_type(topic), topic_qos(topic)
     if kind not in schemas:
-        text, _ = _STORE.generate_msgdef(kind, ros_version=2)
+        text, _ = STORE.generate_msgdef(kind, ros_version=2)
         schemas[kind] = writer.register_schema(kind, "ros2msg", text.encode())
-    depth, durability = _DEPTH, _VOLATILE
-    if topic.rpartition("/")[2] in LATCHED:
-        depth, durability = 1, _TRANSIENT_LOCAL
-    qos = _QOS.format(depth=depth, durability=durability, ever=_INFINITE)
-    return int(writer.register_channel(topic, "cdr", schemas[kind], {"offered_qos_profiles": qos}))
-
-
-def _new(kind: str, **fields: Any) -> Any:
-    package, name = kind.split("/")
-    return _CLASSES[f"{package}/msg/{name}"](**fields)
+    durability = _TRANSIENT_LOCAL if qos.transient_local else _VOLATILE
+    profile = _QOS.format(depth=qos.depth, durability=durability, ever=_INFINITE)
+    return int(writer.register_channel(topic, "cdr", schemas[kind], {"offered_qos_profiles": profile}))
 
 
 def _marker(one: Marker, number: int, stamp: int, action: int) -> Any:
     red, green, blue = (part / 255 for part in one.colour)
     nothing = np.zeros(0, np.uint8)
-    return _new(
+    return new(
         "visualization_msgs/Marker", header=_header(one.frame, stamp), ns=one.name.partition("/")[0],
         id=number, type=one.kind, action=action,
-        pose=_new("geometry_msgs/Pose", position=_point(*one.position), orientation=_rotation(0.0)),
-        scale=_vector(*one.scale), color=_new("std_msgs/ColorRGBA", r=red, g=green, b=blue, a=one.opacity),
-        lifetime=_new("builtin_interfaces/Duration", sec=0, nanosec=0), frame_locked=one.frame != MAP,
+        pose=new("geometry_msgs/Pose", position=_point(*one.position), orientation=_rotation(0.0)),
+        scale=_vector(*one.scale), color=new("std_msgs/ColorRGBA", r=red, g=green, b=blue, a=one.opacity),
+        lifetime=new("builtin_interfaces/Duration", sec=0, nanosec=0), frame_locked=one.frame != MAP,
         points=[_point(x, y) for x, y in one.points], colors=[], texture_resource="",
-        texture=_new("sensor_msgs/CompressedImage", header=_header("", 0), format="", data=nothing),
+        texture=new("sensor_msgs/CompressedImage", header=_header("", 0), format="", data=nothing),
         uv_coordinates=[], text=one.text, mesh_resource="",
-        mesh_file=_new("visualization_msgs/MeshFile", filename="", data=nothing),
+        mesh_file=new("visualization_msgs/MeshFile", filename="", data=nothing),
         mesh_use_embedded_materials=False,
     )  # fmt: skip
 
 
 def _transform(one: Transform, stamp: int) -> Any:
     shift, rotation = _vector(one.pose.x, one.pose.y), _rotation(one.pose.heading)
-    placed = _new("geometry_msgs/Transform", translation=shift, rotation=rotation)
+    placed = new("geometry_msgs/Transform", translation=shift, rotation=rotation)
     header = _header(one.parent, stamp)
-    return _new("geometry_msgs/TransformStamped", header=header, child_frame_id=one.child, transform=placed)
+    return new("geometry_msgs/TransformStamped", header=header, child_frame_id=one.child, transform=placed)
 
 
 def _pose(pose: Pose) -> Any:
     position, rotation = _point(pose.x, pose.y), _rotation(pose.heading)
-    return _new("geometry_msgs/Pose", position=position, orientation=rotation)
+    return new("geometry_msgs/Pose", position=position, orientation=rotation)
 
 
 def _point(x: float, y: float, z: float = 0.0) -> Any:
-    return _new("geometry_msgs/Point", x=x, y=y, z=z)
+    return new("geometry_msgs/Point", x=x, y=y, z=z)
 
 
 def _vector(x: float, y: float, z: float = 0.0) -> Any:
-    return _new("geometry_msgs/Vector3", x=x, y=y, z=z)
+    return new("geometry_msgs/Vector3", x=x, y=y, z=z)
 
 
 def _rotation(heading: float) -> Any:
     cosine, sine = cos_sin(heading / 2)
-    return _new("geometry_msgs/Quaternion", x=0.0, y=0.0, z=sine, w=cosine)
+    return new("geometry_msgs/Quaternion", x=0.0, y=0.0, z=sine, w=cosine)
 
 
 def _header(frame: str, stamp: int) -> Any:
-    return _new("std_msgs/Header", stamp=_time(stamp), frame_id=frame)
+    return new("std_msgs/Header", stamp=_time(stamp), frame_id=frame)
 
 
 def _time(stamp: int) -> Any:
     seconds, rest = divmod(stamp, 1_000_000)
-    return _new("builtin_interfaces/Time", sec=seconds, nanosec=rest * 1000)
+    return new("builtin_interfaces/Time", sec=seconds, nanosec=rest * 1000)

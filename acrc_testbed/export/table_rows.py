@@ -75,7 +75,7 @@ def _step_cells(run: RunData, step: int) -> Row:
 
 def _estimates(run: RunData, robot: RobotInternals) -> Iterator[Row]:
     index, true = run.robots.index(robot.process.robot), run.true
-    for step, pose, quality in robot.step_estimates:
+    for step, _, pose, quality in robot.step_estimates:
         error = None
         if 0 <= step < len(true):
             there = true[step, index].tolist()

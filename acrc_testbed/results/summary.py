@@ -84,20 +84,22 @@ def print_next_commands(out: Path, baseline: Sequence[str] = (), modules: Iterab
 
 LIVE_VIEW: Final = "To watch the run live"
 """Beginning of the sentence that is omitted once the run has ended."""
+VIEW_LOG: Final = "view.log"
+ROS2_LOG: Final = "ros2.log"
 
 
 def print_live_view_address(out: Path) -> None:
     """Print the address of the live view on standard error."""
-    _print_lines(_view_log(out))
+    _print_lines(_log_lines(out / VIEW_LOG))
 
 
 def print_observer_messages(out: Path) -> None:
-    """Print the observer's final messages on standard error."""
-    _print_lines([line for line in _view_log(out) if not line.startswith(LIVE_VIEW)])
+    """Print the observers' final messages on standard error."""
+    lines = [*_log_lines(out / VIEW_LOG), *_log_lines(out / ROS2_LOG)]
+    _print_lines([line for line in lines if not line.startswith(LIVE_VIEW)])
 
 
-def _view_log(out: Path) -> list[str]:
-    log = out / "view.log"
+def _log_lines(log: Path) -> list[str]:
     return printable(log.read_text(errors="replace")).splitlines() if log.is_file() else []
 
 

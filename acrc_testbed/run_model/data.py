@@ -5,7 +5,7 @@ nothing, so no strategy code runs.
 """
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Final, NamedTuple
@@ -22,7 +22,7 @@ from actors.array_types import Flags, Floats, Int64s
 from actors.floor.grid import OccupancyGrid
 from actors.instant import in_seconds
 from actors.items import ItemKey
-from actors.messages import ItemMark, Jam, TaskEvent
+from actors.messages import ItemMark, Jam, SensorData, TaskEvent
 from actors.orders import (
     CloseDoor,
     ItemAssignment,
@@ -210,6 +210,8 @@ class RunData:
     """Robot processes whose recordings have begun."""
     internals: tuple[RobotInternals, ...] = ()
     """Introspection of the robots' processes, if requested."""
+    senses: Mapping[str, Sequence[SensorData]] = field(default_factory=dict)
+    """Sensor data by actor, for a part of a running run, if requested."""
     reports: Mapping[str, RobotReport] = field(default_factory=dict)
     """By robot; only for a whole simulated run."""
     notes: tuple[str, ...] = ()

@@ -119,6 +119,7 @@ class StepEstimate(NamedTuple):
     """The robot's pose estimate at the start of one step."""
 
     step: int
+    second: float
     pose: Pose
     quality: EstimateQuality
 
@@ -355,7 +356,7 @@ class _PartBuilder:
         second, quality = self._seconds[step.number], self._model.update_quality(record.quality)
         pose = record.pose or (None if drive is None else drive.pose)
         if pose is not None and quality is not None:
-            self._estimates.append(StepEstimate(step.number, pose, quality))
+            self._estimates.append(StepEstimate(step.number, second, pose, quality))
         if (change := record.activity) is not None:
             self._activities.append(ActivityChange(second, change.activity, change.destination, change.point))
         if record.goal is not None:

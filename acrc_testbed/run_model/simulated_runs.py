@@ -36,6 +36,7 @@ from actors.messages import (
     TASK_CHANGED,
     TRUTH,
     Drive,
+    SensorData,
 )
 from actors.radio.radio_model import RadioSetup
 from actors.world.world_setup import WorldSetup
@@ -74,23 +75,18 @@ def run_model(out: Path, setup: WorldSetup, radio: RadioSetup) -> RunModel:
 class RunReader:
     """Incremental reader of a run's folder; a context manager that closes the files."""
 
-    def __init__(self, out: Path, *, internals: bool = False) -> None:
-        """Open a run; `internals`: also read the robots' introspection.
+    def __init__(self, out: Path, *, internals: bool = False, senses: bool = False) -> None:
+        """Open a run; `internals`: also read the robots' introspection, `senses`: return their sensor data.
 
         Raises RecordingError or RunDataError if the run has not begun or is damaged.
         """
-        files = recordings(out)
-        for actor in ("world", "radio"):
-            if actor not in files:
-                raise RunDataError(
-                    f"{out}: contains no recording of the {actor}; give the folder of a simulated run"
-                )
-        setup, radio = world_setup(files["world"]), read_setup(files["radio"], RadioSetup, "a radio")
-        self.model = run_model(out, setup, radio)
+        self.model = self._create_model(out)
         self.description = self.model.description
         self._stack, self._files = ExitStack(), dict[str, GrowingRecording]()
         self._internals: dict[str, ProcessModel] | None = {} if internals else None
         """By actor; None: not requested."""
+        self._senses: dict[str, list[SensorData]] | None = {} if senses else None
+        """By actor, not returned yet; None: not requested."""
         self._answers: dict[str, dict[int, Drive]] = {}
         """Answers of each robot by step, for its introspection."""
         self._sensed_steps: dict[str, int] = {}
@@ -102,6 +98,16 @@ class RunReader:
         self._last_progress = time.monotonic()
         self._is_finished = False
         """The last part was returned."""
+
+    def _create_model(self, out: Path) -> RunModel:
+        files = recordings(out)
+        for actor in ("world", "radio"):
+            if actor not in files:
+                raise RunDataError(
+                    f"{out}: contains no recording of the {actor}; give the folder of a simulated run"
+                )
+        setup, radio = world_setup(files["world"]), read_setup(files["radio"], RadioSetup, "a radio")
+        return run_model(out, setup, radio)
 
     def __enter__(self) -> Self:
         return self
@@ -144,9 +150,16 @@ class RunReader:
         if ready:
             self._last_progress = time.monotonic()
         run = self.model.advance(until, last=last, processes=self._processes())
+        step, answers = self.model.step, self._answers
+        if self._senses is not None:
+            senses = {
+                actor: [one for one in found if last or one.step <= step]
+                for actor, found in self._senses.items()
+            }
+            self._senses = {actor: found[len(senses[actor]) :] for actor, found in self._senses.items()}
+            run = replace(run, senses=senses)
         if self._internals is None:
             return run
-        step, answers = self.model.step, self._answers
         taken = [one.take(step, answers.get(one.process.robot, {})) for one in self._internals.values()]
         for one in self._internals.values():
             robot, until = one.process.robot, min(step, one.covered) if one.is_recorded else step
@@ -185,8 +198,10 @@ class RunReader:
             self.model.extend(one.key, message)
         except RunDataError as error:
             raise RunDataError(f"{path}: {error}") from None
-        if one.topic is SENSES:
+        if isinstance(message, SensorData):
             self._sensed_steps[robot] = one.step
+            if self._senses is not None:
+                self._senses.setdefault(actor, []).append(message)
         elif one.topic is FRAME_OUTCOMES:
             self._outcome_step = one.step
         if internals is None:

@@ -18,7 +18,7 @@ import msgspec
 
 from actors.floor.map_file import load_map
 from actors.floor.placement import check_pose
-from actors.installation.usage import command_name, wrong_value
+from actors.installation.usage import OptionError, command_name, wrong_value
 from actors.installation.version import software_version
 from actors.processes.launcher import ChildProcess, Launcher, create_launcher
 from actors.processes.robot_logs import last_lines
@@ -33,9 +33,9 @@ from deploy.fleet import onboard_processes as layout
 from deploy.fleet.doctor import check_keys, run_check
 from deploy.fleet.fleet_file import Fleet, FleetRobot, user_code_folders
 from deploy.fleet.onboard_processes import EpochCounter, OnboardRobot, Ports
-from deploy.run.options import RunOptions
+from deploy.run.options import RunOptions, router_link
 from deploy.run.out_folder import claim, convert_write_errors
-from deploy.run.plan import RunPlan, ScenarioCopy
+from deploy.run.plan import RunPlan, ScenarioCopy, ros2_program
 from deploy.run.supervisor import Supervisor, exit_description
 from firmware_bridge.beeclick.answer_decoder import BoardSettings
 from firmware_bridge.kobuki import guardian
@@ -101,6 +101,9 @@ class OnboardSupervisor(Supervisor):
                 return  # restart_exited restarts it or raises
         self._start(layout.BRIDGE)
         self._start(self._onboard.robot.id)
+        if (options := self._onboard.plan.options).ros2:
+            link = router_link(options.router)
+            self.start([ros2_program(options.out, link, self._onboard.robot.id)])
 
     def restart_exited(self, wait_s: float) -> bool:
         """Wait `wait_s`, then restart exited processes; return False after the base's normal exit.
@@ -268,6 +271,10 @@ class OnboardOptions:
     debug_port: int | None = None
     at: str | None = None
     """Pose of the robot: AT_START or X,Y,HEADING; None: its last estimate, to be confirmed by scans."""
+    ros2: bool = False
+    """Publish live ROS 2 topics."""
+    router: str = ""
+    """With `ros2`: endpoint of the Zenoh router; empty: the default."""
     modules: tuple[Path, ...] = ()
     """Folders from which a user strategy may be loaded."""
 
@@ -282,6 +289,10 @@ def prepare(fleet: Fleet, name: str, options: OnboardOptions, say: Say) -> Onboa
             f"--debugpy: {options.debug_port} needs the Python package debugpy; install it with "
             f"`{command_name()} add debugpy`"
         )
+    if options.ros2:
+        router_link(options.router)
+    elif options.router:
+        raise OptionError(f"--router: {options.router}; requires --ros2")
     pose_file = options.out.parent / f"{name}.pose"
     robot = fleet.robot_named(name)
     if options.at is not None:
@@ -398,7 +409,13 @@ def _plan(fleet: Fleet, robot: FleetRobot, options: OnboardOptions) -> RunPlan:
     choice = choose_isolation(options.isolate, debugged=options.debug_port is not None)
     return RunPlan(
         **vars(fleet.swarm(robot)),
-        options=RunOptions(options.out, speed="1", modules=user_code_folders(fleet, Permit(options.modules))),
+        options=RunOptions(
+            options.out,
+            speed="1",
+            ros2=options.ros2,
+            router=options.router,
+            modules=user_code_folders(fleet, Permit(options.modules)),
+        ),
         scenario=ScenarioCopy("", ()),
         commit=software_version(),
         isolate=choice.isolate,

@@ -1,20 +1,25 @@
 """Options of a run that do not change its result."""
 
 import math
+import os
 import re
 import sys
 from collections.abc import Sequence
 from dataclasses import KW_ONLY, dataclass, field, replace
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Literal, get_args
+from typing import TYPE_CHECKING, Literal, get_args
 
 from actors.installation.usage import OptionError, check_choice, wrong_value
 from actors.processes.monitor import Timeout
 from actors.runtime.isolation.sandbox import ProcessLimits
 from actors.runtime.process_setup import RecordDetail
+from actors.settings import ParameterError, decode
 from actors.user_code import RecordedModules
 from deploy.run import out_folder
+
+if TYPE_CHECKING:  # runs without ROS 2 import nothing of it
+    from firmware_bridge.ros2.settings import RouterLink
 
 MIN_SPEED = 0.01
 """Minimum of --speed, at which a step of 100 ms takes 10 s, well below the default timeout."""
@@ -46,6 +51,10 @@ class RunOptions:
     """Files hidden from robots, even beside their strategy's code: the scenario."""
     view: bool = False
     """Open a live viewer."""
+    ros2: bool = False
+    """Publish the run's ROS 2 topics."""
+    router: str = ""
+    """With `ros2`: endpoint of the Zenoh router; empty: the default."""
     debug: str | None = None
     """Robot to debug: its breakpoints stop the run, at this terminal."""
     control: bool = False
@@ -87,6 +96,8 @@ def check_options(options: RunOptions, limit: Sequence[str] = ()) -> RunOptions:
     check_choice("--record", options.record, get_args(RecordDetail))
     check_choice("--spawn", options.spawn, ("forkserver", "exec"))
     speed = _checked_speed(options.speed)
+    if options.ros2:
+        router_link(options.router)
     for is_present, sentence in _conflicts(options, limit):
         if is_present:
             raise OptionError(sentence)
@@ -111,6 +122,8 @@ def _conflicts(options: RunOptions, limit: Sequence[str]) -> tuple[tuple[object,
             "--isolate: requires --bus zenoh; --bus memory has one process for all robots",
         ),
         (options.view and memory, "--view: requires --bus zenoh; --bus memory has one process for all"),
+        (options.ros2 and memory, "--ros2: requires --bus zenoh; --bus memory has one process for all"),
+        (options.router and not options.ros2, f"--router: {options.router}; requires --ros2"),
         (
             options.followed and not options.view,
             f"--robot: {followed!r}; requires --view; --robots sets the number of robots",
@@ -138,14 +151,14 @@ def _conflicts(options: RunOptions, limit: Sequence[str]) -> tuple[tuple[object,
             "--leave: requires --on; without it recordings are on this computer",
         ),
         (
-            options.leave and (options.check or options.view),
-            "--leave: keeps recordings on the hosts; cannot be combined with --check or --view, "
+            options.leave and (options.check or options.view or options.ros2),
+            "--leave: keeps recordings on the hosts; cannot be combined with --check, --view or --ros2, "
             "which read them",
         ),
         (
-            hardware and (memory or options.view or options.speed not in {"max", "1"}),
+            hardware and (memory or options.view or options.ros2 or options.speed not in {"max", "1"}),
             "--hardware-in-the-loop: runs processes in wall time; "
-            "cannot be combined with --bus memory, --view or a --speed other than 1",
+            "cannot be combined with --bus memory, --view, --ros2 or a --speed other than 1",
         ),
         (options.boards and not hardware, f"--board: {board}; requires --hardware-in-the-loop"),
         (
@@ -161,6 +174,18 @@ def _conflicts(options: RunOptions, limit: Sequence[str]) -> tuple[tuple[object,
             "--limit: requires --bus zenoh; it limits a simulated robot's process",
         ),
     )
+
+
+def router_link(router: str) -> "RouterLink":
+    """Return the link to `--router` in the domain of ROS_DOMAIN_ID. Raises OptionError."""
+    from firmware_bridge.ros2.settings import RouterLink  # noqa: PLC0415
+
+    domain = os.environ.get("ROS_DOMAIN_ID") or "0"
+    number: object = int(domain) if domain.isdecimal() else domain
+    try:
+        return decode(RouterLink, {"domain": number} | ({"router": router} if router else {}))
+    except ParameterError as error:
+        raise OptionError(f"--ros2: {error}") from None
 
 
 def run_folder_name(scenario: Path, strategy: str | None = None) -> str:

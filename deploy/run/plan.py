@@ -5,11 +5,12 @@ import shutil
 from collections.abc import Callable, Collection
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any, Final, NamedTuple
+from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 import msgspec
 
 from acrc_testbed.results.result import UNKNOWN_ORIGIN, Origin, package_versions
+from acrc_testbed.results.summary import ROS2_LOG, VIEW_LOG
 from actors.floor import offices
 from actors.floor.map_file import read_header
 from actors.installation.version import software_version
@@ -41,6 +42,9 @@ from deploy.run.out_folder import make_folder
 from deploy.scenario.resolve import ResolvedScenario, Swarm, robot_setup
 from deploy.scenario.scenario_file import with_models
 from deploy.scenario.tables import to_toml
+
+if TYPE_CHECKING:  # runs without ROS 2 import nothing of it
+    from firmware_bridge.ros2.settings import RouterLink
 
 MAP: Final = "map"
 """Map folder in the run's folder."""
@@ -324,8 +328,14 @@ def observer_program(plan: RunPlan) -> Program:
     """Return the observer's program; it reads recordings and does not connect to the mesh."""
     robots = (word for robot in plan.options.followed for word in ("--robot", robot))
     return Program(
-        "observer", "acrc_testbed.view", ("--out", str(plan.out), *robots), plan.out / "view.log", None
+        "observer", "acrc_testbed.view", ("--out", str(plan.out), *robots), plan.out / VIEW_LOG, None
     )
+
+
+def ros2_program(out: Path, link: "RouterLink", robot: str = "") -> Program:
+    """Return the publisher of a run's ROS 2 topics, an observer like the live view; `robot`: one on board."""
+    argv = ("--out", str(out), "--router", link.router, "--domain", str(link.domain), "--robot", robot)
+    return Program("ros2", "acrc_testbed.export.live_topics", argv, out / ROS2_LOG, None)
 
 
 CONTROL_ADDRESS: Final = "control.url"

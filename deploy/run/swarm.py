@@ -48,7 +48,7 @@ from actors.user_code import expect_hashes, set_folders
 from deploy.hosts.address import parse_listen
 from deploy.run import progress
 from deploy.run.memory_swarm import MemorySwarm, raise_on_hard_exit
-from deploy.run.options import RunOptions
+from deploy.run.options import RunOptions, router_link
 from deploy.run.out_folder import check_new
 from deploy.run.plan import (
     CONTROL_ADDRESS,
@@ -60,6 +60,7 @@ from deploy.run.plan import (
     radio_program,
     remove_credentials,
     robot_program,
+    ros2_program,
     router_file,
     scenario_copy,
     shared_arguments,
@@ -371,16 +372,7 @@ def _supervise(
                 hosts.join(supervisor.check, run_launcher.wait)
                 hosts.write()
                 _say(hosts.sentence)
-            if plan.options.view:
-                supervisor.start([observer_program(plan)])
-                supervisor.await_file(plan.out / "view.rrd", "observer")
-                summary.print_live_view_address(plan.out)
-            if plan.options.control:
-                supervisor.start([control_program(plan)])
-                if supervisor.await_file(plan.out / CONTROL_ADDRESS, "control"):
-                    _say(f"map page: {(plan.out / CONTROL_ADDRESS).read_text()}")
-                else:
-                    _say(f"the map page failed to start; see {plan.out / 'control.log'}")
+            _start_observers(plan, supervisor)
             first = (ProcessOrder(robot, 0) for robot in robots)
             supervisor.start([robot_program(plan, robots[order.robot], order, 0) for order in first])
             supervisor.watch(bus)
@@ -398,6 +390,24 @@ def _supervise(
                 _say(remaining_files)
         remove_credentials(plan)
     return supervisor
+
+
+def _start_observers(plan: RunPlan, supervisor: RunSupervisor) -> None:
+    """Start the requested observers and the map page, and wait until they are ready."""
+    if plan.options.view:
+        supervisor.start([observer_program(plan)])
+        supervisor.await_file(plan.out / "view.rrd", "observer")
+        summary.print_live_view_address(plan.out)
+    if plan.options.ros2:
+        link = router_link(plan.options.router)
+        supervisor.start([ros2_program(plan.out, link)])
+        _say(f"ROS 2 topics: rmw_zenoh at {link.router}, ROS_DOMAIN_ID={link.domain}")
+    if plan.options.control:
+        supervisor.start([control_program(plan)])
+        if supervisor.await_file(plan.out / CONTROL_ADDRESS, "control"):
+            _say(f"map page: {(plan.out / CONTROL_ADDRESS).read_text()}")
+        else:
+            _say(f"the map page failed to start; see {plan.out / 'control.log'}")
 
 
 def _say(sentence: str) -> None:

@@ -1,7 +1,7 @@
 """Zenoh session of a ROS 2 node: publishers, subscriptions, and the graph of other nodes.
 
-A client of one router. It opens in the background and reconnects by itself, so nothing here waits for the
-network. Queues are bounded; messages beyond are dropped, the oldest first, and counted.
+A client of one router, or the router itself. It opens in the background and reconnects by itself, so nothing
+here waits for the network. Queues are bounded; messages beyond are dropped, the oldest first, and counted.
 """
 
 import os
@@ -114,8 +114,13 @@ class TopicPublisher:
 class Ros2Session:
     """Session of one node; a context manager."""
 
-    def __init__(self, link: RouterLink, node: str, now: Callable[[], Instant]) -> None:
-        """Start to connect; `node`: name without namespace, `now`: clock of arrivals."""
+    def __init__(
+        self, link: RouterLink, node: str, now: Callable[[], Instant], *, serves: bool = False
+    ) -> None:
+        """Start to connect; `node`: name without namespace, `now`: clock of arrivals.
+
+        `serves`: be the router if there is none at the endpoint, which is of this computer.
+        """
         self._link, self._node, self._now = link, node, now
         self._names = key_mapping(link.bridge, link.domain)
         self._session: zenoh.Session | None = None
@@ -127,6 +132,8 @@ class Ros2Session:
         self._endpoints: dict[str, Endpoint] = {}
         self._wake = os.eventfd(0, os.EFD_NONBLOCK | os.EFD_CLOEXEC)
         self._stopped = threading.Event()
+        self._modes = ("client", "router") if serves else ("client",)
+        self.is_router = False
         self.fault = "not connected yet"
         """Why the session is not open; empty: it is."""
         self.invalid_tokens = 0
@@ -143,7 +150,7 @@ class Ros2Session:
     def is_connected(self) -> bool:
         """True while there is a link to the router."""
         session = self._session
-        return session is not None and bool(session.info.routers_zid())
+        return session is not None and (self.is_router or bool(session.info.routers_zid()))
 
     def fileno(self) -> int:
         """Descriptor that is readable after a publication has arrived; `acknowledge` resets it."""
@@ -237,27 +244,34 @@ class Ros2Session:
             closing.join(_CLOSE_TIMEOUT_S)
 
     def _open(self) -> None:
-        config = zenoh.Config()
+        while not self._stopped.is_set():
+            faults = []
+            for mode in self._modes:
+                try:
+                    session = zenoh.open(self._config(mode))
+                except zenoh.ZError as error:
+                    faults.append(str(error).partition(" at /")[0].strip())
+                    continue
+                with self._lock:
+                    self._session, self.is_router, self.fault = session, mode == "router", ""
+                    waiting, self._waiting = self._waiting, []
+                    for declare in waiting:
+                        declare(session)
+                return
+            self.fault = faults[0]
+            self._stopped.wait(_RETRY_S)
+
+    def _config(self, mode: str) -> zenoh.Config:
+        config, is_router = zenoh.Config(), mode == "router"
         for key, value in {
-            "mode": "client",
-            "connect/endpoints": [self._link.router],
+            "mode": mode,
+            "listen/endpoints" if is_router else "connect/endpoints": [self._link.router],
             "scouting/multicast/enabled": False,
-            "scouting/gossip/enabled": False,
+            "timestamping/enabled": True,  # required by the cache of transient local publishers
+            "scouting/gossip/enabled": is_router,  # nodes of rmw_zenoh find one another by it
         }.items():
             set_value(config, key, value)
-        while not self._stopped.is_set():
-            try:
-                session = zenoh.open(config)
-            except zenoh.ZError as error:
-                self.fault = str(error).partition(" at /")[0].strip()
-                self._stopped.wait(_RETRY_S)
-                continue
-            with self._lock:
-                self._session, self.fault = session, ""
-                waiting, self._waiting = self._waiting, []
-                for declare in waiting:
-                    declare(session)
-            return
+        return config
 
     def _when_open(self, declare: Callable[[zenoh.Session], None]) -> None:
         with self._lock:

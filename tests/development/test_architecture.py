@@ -20,7 +20,8 @@ ELSEWHERE = {
     "AppArmor", "ClearCostmapRecovery", "CostmapModel", "ExecStopPost", "FrameTransforms", "InOut",
     "LaserScan", "MarkerArray", "MemoryMax", "MoveBase", "NamedTuple", "ObstacleCostFunction",
     "OccupancyGrid", "ParamHolder", "PeriodicScheduling", "PointCloud", "PointCloud2", "PoseInFrame",
-    "PoseStamped", "PosesInFrame", "SceneUpdate", "SimpleTrajectoryGenerator", "TasksMax",
+    "PoseStamped", "PoseWithCovarianceStamped", "PosesInFrame", "SceneUpdate", "SimpleTrajectoryGenerator",
+    "TasksMax",
 }  # fmt: skip
 """Names of ROS, Foxglove, JDEECo, systemd, Linux and Python."""
 

@@ -6,12 +6,14 @@ from collections.abc import Callable
 from pathlib import Path
 
 import msgspec
+import numpy as np
 import pytest
 
 from acrc_testbed.export.log_export import log_run
 from acrc_testbed.recordings import record_replay
 from acrc_testbed.results.result import RunResult
 from acrc_testbed.run_model.hardware_runs import whole_run
+from acrc_testbed.run_model.onboard_runs import OnboardReader
 from actors.installation.usage import OptionError
 from actors.instant import Instant
 from actors.processes.launcher import Launcher
@@ -90,6 +92,14 @@ def test_three_robots_clean_their_places_one_of_them_without_a_board(tmp_path: P
     assert [json.loads(link.read_text())["actor"]["board"] for link in links] == [True, True, False]
     internals = whole_run(out, internals=True).internals
     assert {one.process.robot for one in internals if one.is_recorded and one.commits} == {"r1", "r2", "r3"}
+    (aligned,) = (one for one in internals if one.process.robot == "r1")
+    with OnboardReader(out, "r1") as reader:
+        part, rest = reader.poll(), reader.poll(last=True)
+    assert part is not None and rest is not None and part.description.robots == ("r1",)
+    assert 1e9 < part.since < part.end and len(part.senses["r1"]) == len(part.seconds) > 50
+    (own,) = part.internals
+    np.testing.assert_array_equal(own.covariances, aligned.covariances[: len(own.seconds)])
+    np.testing.assert_array_equal(own.plans.points, aligned.plans.points[: len(own.plans.points)])
     report = log_run(out, tmp_path / "robots.mcap", ("r1",))
     assert report.counts["/r1/odom"] > 50 and not [note for note in report.notes if "left out" in note]
     checked = acrc("record", "check", out)

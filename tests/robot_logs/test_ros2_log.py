@@ -2,6 +2,7 @@
 
 import math
 from collections import Counter, defaultdict
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any, Final
 
@@ -14,13 +15,14 @@ from mcap_ros2.decoder import DecoderFactory
 
 from acrc_testbed.command_line.replay_commands import export
 from acrc_testbed.export import robot_entries, ros2_log
-from acrc_testbed.export.log_export import LogReport, log_run
-from acrc_testbed.export.robot_entries import occupancy
-from acrc_testbed.export.ros2_log import TYPES, LogEntry
+from acrc_testbed.export.log_export import LogReport, log_run, robot_models, sensor_data
+from acrc_testbed.export.robot_entries import RunEntries, occupancy
+from acrc_testbed.export.ros2_log import ROBOT_TYPES, SHARED_TYPES, LogEntry
+from acrc_testbed.recordings.run_recordings import recordings
 from acrc_testbed.run_model.data import RunData, Trajectory
 from acrc_testbed.run_model.recording_readers import messages_on
 from acrc_testbed.run_model.robot_introspection import RecordedProcess
-from acrc_testbed.run_model.simulated_runs import read_run
+from acrc_testbed.run_model.simulated_runs import RunReader, read_run
 from actors.floor.grid import FREE, OCCUPIED, UNKNOWN
 from actors.geometry import Pose
 from actors.installation.usage import OptionError
@@ -139,11 +141,13 @@ def test_the_file_has_what_rosbag2_needs(ros2_file: Path) -> None:
             assert (qos["durability"], qos["depth"]) in {(1, 1), (2, 10)}
             if qos["durability"] == 1:
                 latched.add(channel.topic)
-        assert latched == {"/map", "/tf_static", "/items", "/robots", "/things"}
+        assert latched == {
+            "/map", "/tf_static", "/acrc/items", "/acrc/robots", "/acrc/things", "/acrc/r1/destination",
+            "/acrc/r2/destination",
+        }  # fmt: skip
         found = {one.topic: summary.schemas[one.schema_id].name for one in summary.channels.values()}
-        shared = ("tf", "tf_static", "map", "items", "robots", "things", "links", "rosout")
-        assert found == {f"/{name}": TYPES[name] for name in shared} | {
-            f"/{robot}/{name}": TYPES[name] for robot in ("r1", "r2") for name in TYPES.keys() - set(shared)
+        assert found == SHARED_TYPES | {
+            f"/acrc/{robot}/{name}": kind for robot in ("r1", "r2") for name, kind in ROBOT_TYPES.items()
         }
         times = [message.log_time for _, _, message in reader.iter_messages(log_time_order=False)]
     assert times == sorted(times) and times[0] == 0
@@ -152,24 +156,62 @@ def test_the_file_has_what_rosbag2_needs(ros2_file: Path) -> None:
 def test_commanded_velocities_are_those_that_the_world_received(ros2: Log, out: Path) -> None:
     sent = [(robot, drive.vx, drive.omega) for robot, drive in messages_on(out / "world/world.mcap", DRIVE)]
     for robot in ("r1", "r2"):
-        told = [(message.linear.x, message.angular.z) for _, message in ros2[f"/{robot}/cmd_vel"]]
+        told = [(message.linear.x, message.angular.z) for _, message in ros2[f"/acrc/{robot}/cmd_vel"]]
         assert told == [tuple(velocity) for one, *velocity in sent if one == robot]
         assert any(forward for forward, _ in told)
-    assert [at for at, _ in ros2["/r2/cmd_vel"]] == [at for at, _ in ros2["/r2/odom"]]
+    assert [at for at, _ in ros2["/acrc/r2/cmd_vel"]] == [at for at, _ in ros2["/acrc/r2/odom"]]
 
 
 def test_true_and_estimated_poses_are_those_of_every_step(ros2: Log, evidence: RunData) -> None:
     for index, robot in enumerate(evidence.robots):
-        true = ros2[f"/{robot}/truth"]
+        true = ros2[f"/acrc/{robot}/truth"]
         assert [logged for logged, _ in true] == [round(second * 1e6) * 1000 for second in evidence.seconds]
         for (logged, message), wanted in zip(true, evidence.true[:, index].tolist(), strict=True):
             assert stamp(message.header.stamp) == logged and message.header.frame_id == "map"
             assert near(pose(message.pose), Pose(*wanted))
         held = evidence.estimated[:, index]
-        told = [message for _, message in ros2[f"/{robot}/pose"]]
+        told = [message.pose for _, message in ros2[f"/acrc/{robot}/amcl_pose"]]
         wanted_poses = held[~np.isnan(held[:, 0])].tolist()
         assert len(told) == len(wanted_poses) > 70
         assert all(near(pose(m.pose), Pose(*w)) for m, w in zip(told, wanted_poses, strict=True))
+
+
+def test_estimates_have_the_covariance_of_the_filter(ros2: Log, out: Path) -> None:
+    for internals in read_run(out, internals=True).internals:
+        name, planar = internals.process.robot, np.ix_((0, 1, 5), (0, 1, 5))
+        told = {logged // 1000: message for logged, message in ros2[f"/acrc/{name}/amcl_pose"]}
+        for one in internals.step_estimates:
+            covariance = np.reshape(told[round(one.second * 1e6)].pose.covariance, (6, 6))
+            assert covariance[planar].reshape(-1).tolist() == list(one.quality.covariance)
+            assert np.count_nonzero(covariance) == np.count_nonzero(one.quality.covariance)
+        assert internals.step_estimates[-1].quality.covariance[0] > 0
+
+
+@pytest.mark.parametrize("length", [1, 13])
+def test_parts_of_a_run_have_the_bytes_of_the_whole(
+    length: int, out: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    whole, files = read_run(out, internals=True), recordings(out)
+    models = robot_models(whole, files)
+    sensed = {one.actor: sensor_data(files[one.actor]) for one in whole.processes}
+    wanted = encoded(RunEntries(whole.description, models).take(whole, sensed))
+    entries = RunEntries(whole.description, models)
+    found: dict[str, list[tuple[int, int, bytes]]] = defaultdict(list)
+    with RunReader(out, internals=True, senses=True) as reader:
+        for until in [*range(0, 100, length), None]:
+            monkeypatch.setattr(reader, "_last_complete_step", lambda until=until: until)
+            if (part := reader.poll(last=until is None)) is not None:
+                for topic, messages in encoded(entries.take(part, part.senses)).items():
+                    found[topic] += messages
+    assert found == wanted and "/acrc/links" in wanted
+
+
+def encoded(entries: Iterable[LogEntry]) -> dict[str, list[tuple[int, int, bytes]]]:
+    """Return log time, stamp and bytes of messages by topic."""
+    found: dict[str, list[tuple[int, int, bytes]]] = defaultdict(list)
+    for one in entries:
+        found[one.topic].append((one.logged, one.stamp, one.encode()))
+    return found
 
 
 def test_frames_lead_from_the_map_to_the_estimate_and_to_the_truth(ros2: Log, evidence: RunData) -> None:
@@ -180,11 +222,11 @@ def test_frames_lead_from_the_map_to_the_estimate_and_to_the_truth(ros2: Log, ev
             frames[logged, one.child_frame_id] = (one.header.frame_id, placed(one))
     for index, robot in enumerate(evidence.robots):
         compared = 0
-        for logged, message in ros2[f"/{robot}/pose"]:
+        for logged, message in ros2[f"/acrc/{robot}/amcl_pose"]:
             parent, odom = frames[logged, f"{robot}/odom"]
             between, base = frames[logged, f"{robot}/base_link"]
             assert (parent, between) == ("map", f"{robot}/odom")
-            assert near(odom.compose(base), pose(message.pose))
+            assert near(odom.compose(base), pose(message.pose.pose))
             parent, true = frames[logged, f"{robot}/truth"]
             step = int(np.flatnonzero(np.isclose(evidence.seconds, logged / 1e9))[0])
             assert parent == "map" and near(true, Pose(*evidence.true[step, index].tolist()))
@@ -206,7 +248,7 @@ def test_scans_are_as_recorded_and_infinite_without_echo(ros2: Log, out: Path) -
         if not senses.halt
         for scan in (*senses.earlier_scans, *([senses.scan] if senses.scan else []))
     ]
-    told = [message for _, message in ros2["/r1/scan"]]
+    told = [message for _, message in ros2["/acrc/r1/scan"]]
     assert [stamp(one.header.stamp) for one in told] == [scan.stamp * 1000 for scan in recorded]
     seen = infinite = 0
     for message, scan in zip(told, recorded, strict=True):
@@ -241,8 +283,8 @@ def test_costs_have_the_numbers_of_an_occupancy_grid() -> None:
 
 
 def test_a_cost_map_lies_around_its_robot(ros2: Log) -> None:
-    held = {logged: pose(message.pose) for logged, message in ros2["/r1/pose"]}
-    for logged, message in ros2["/r1/local_costmap"]:
+    held = {logged: pose(message.pose.pose) for logged, message in ros2["/acrc/r1/amcl_pose"]}
+    for logged, message in ros2["/acrc/r1/local_costmap/costmap"]:
         side = message.info.width * message.info.resolution
         middle = pose(message.info.origin).compose(Pose(side / 2, side / 2, 0.0))
         assert math.dist(middle[:2], held[logged][:2]) < 0.2
@@ -250,23 +292,24 @@ def test_a_cost_map_lies_around_its_robot(ros2: Log) -> None:
 
 
 def test_plans_lead_from_the_robot_to_its_goal(ros2: Log) -> None:
-    goals = ros2["/r1/goal"]
-    plan = next(message for _, message in ros2["/r1/plan"] if message.poses)
-    held = pose(ros2["/r1/pose"][0][1].pose)
+    goal, name = shapes(ros2, "/acrc/r1/destination")[0.0]
+    assert (goal.type, name.text) == (CYLINDER, "r1/0") and goal.pose.position.x == name.pose.position.x
+    plan = next(message for _, message in ros2["/acrc/r1/plan"] if message.poses)
+    held = pose(ros2["/acrc/r1/amcl_pose"][0][1].pose.pose)
     assert math.dist(pose(plan.poses[0].pose)[:2], held[:2]) < 0.3
-    assert math.dist(pose(plan.poses[-1].pose)[:2], pose(goals[0][1].pose)[:2]) < 0.3
+    assert math.dist(pose(plan.poses[-1].pose)[:2], pose(goal.pose)[:2]) < 0.3
 
 
 def test_particles_are_at_the_estimate(ros2: Log) -> None:
-    _, message = ros2["/r1/particles"][-1]
+    _, message = ros2["/acrc/r1/particles"][-1]
     points = np.frombuffer(bytes(message.data), "<f4").reshape(-1, 3)
     assert message.point_step == 12 and message.width == len(points) > 100
-    last = pose(ros2["/r1/pose"][-1][1].pose)
+    last = pose(ros2["/acrc/r1/amcl_pose"][-1][1].pose.pose)
     assert np.hypot(*(points[:, :2].mean(axis=0) - last[:2])) < 0.3 and not points[:, 2].any()
 
 
 def test_orders_add_and_remove_floor_objects(ros2: Log) -> None:
-    things = shapes(ros2, "/things")
+    things = shapes(ros2, "/acrc/things")
     kinds = {second: sorted(one.type for one in found) for second, found in things.items()}
     assert kinds[1.0] == [CYLINDER] and kinds[2.0] == [CYLINDER, CYLINDER]
     assert kinds[3.0] == [CYLINDER, CYLINDER, LINES] and kinds[4.0] == [CYLINDER, LINES]
@@ -278,7 +321,7 @@ def test_orders_add_and_remove_floor_objects(ros2: Log) -> None:
 
 
 def test_items_and_bodies_are_in_the_robots_colours_and_states(ros2: Log, evidence: RunData) -> None:
-    items = shapes(ros2, "/items")[0.0]
+    items = shapes(ros2, "/acrc/items")[0.0]
     wanted = [(mark.x, mark.y) for second, mark in evidence.marks if second == 0.0]
     assert [(one.pose.position.x, one.pose.position.y) for one in items] == wanted
     assert [one.ns for one in items] == ["r1"] * 3 + ["r2"] * 3
@@ -286,20 +329,20 @@ def test_items_and_bodies_are_in_the_robots_colours_and_states(ros2: Log, eviden
     assert (red.r, red.b) == (0.0, pytest.approx(178 / 255)) and orange.r == pytest.approx(213 / 255)
     opacity = {
         second: {one.ns: one.color.a for one in found if one.type == CYLINDER}
-        for second, found in shapes(ros2, "/robots").items()
+        for second, found in shapes(ros2, "/acrc/robots").items()
     }
     assert opacity[0.0]["r2"] == pytest.approx(0.9) and opacity[4.0]["r2"] == pytest.approx(0.4)
     assert opacity[6.0]["r2"] == pytest.approx(0.9)
-    assert all(one.frame_locked for one in shapes(ros2, "/robots")[0.0])
+    assert all(one.frame_locked for one in shapes(ros2, "/acrc/robots")[0.0])
 
 
 def test_a_frozen_robot_logs_nothing(ros2: Log) -> None:
-    logged = np.array([one for one, _ in ros2["/r2/odom"]]) / 1e9
+    logged = np.array([one for one, _ in ros2["/acrc/r2/odom"]]) / 1e9
     assert not ((logged > 4.0) & (logged < 5.9)).any() and (logged > 6.0).any()
 
 
 def test_receptions_are_lines_between_robots(ros2: Log, evidence: RunData) -> None:
-    links = shapes(ros2, "/links")
+    links = shapes(ros2, "/acrc/links")
     second, (line,) = next((second, found) for second, found in links.items() if found)
     step = round(second / 0.1)
     ends = [(one.x, one.y) for one in line.points]
@@ -319,8 +362,8 @@ def test_the_command_never_overwrites(out: Path, ros2_file: Path, capsys: pytest
 
 def test_other_robots_have_poses_only(out: Path, tmp_path: Path) -> None:
     report = write(out, tmp_path / "one.mcap", "r2")
-    of_others = {topic for topic in report.counts if topic.startswith("/r1/")}
-    assert of_others == {"/r1/truth", "/r1/pose"} and report.counts["/r2/scan"] > 50
+    of_others = {topic for topic in report.counts if topic.startswith("/acrc/r1/")}
+    assert of_others == {"/acrc/r1/truth", "/acrc/r1/amcl_pose"} and report.counts["/acrc/r2/scan"] > 50
 
 
 def test_hardware_runs_have_no_ground_truth(out: Path, tmp_path: Path) -> None:
@@ -328,14 +371,14 @@ def test_hardware_runs_have_no_ground_truth(out: Path, tmp_path: Path) -> None:
     bare, early = write(trial, tmp_path / "trial.mcap").notes
     assert bare == "the recordings have no map; the floor is drawn empty"
     # The copies keep the stamps of scans, and the clock of r1 is 5 s ahead of them.
-    assert early.startswith("/r1/scan: 41 messages")
+    assert early.startswith("/acrc/r1/scan: 41 messages")
     log = decoded(tmp_path / "trial.mcap")
-    assert "/things" not in log and not any(topic.endswith("/truth") for topic in log)
+    assert "/acrc/things" not in log and not any(topic.endswith("/truth") for topic in log)
     frames = {one.child_frame_id for _, message in log["/tf"] for one in message.transforms}
     assert frames == {f"{robot}/{name}" for robot in ("r1", "r2") for name in ("odom", "base_link")}
-    bodies = shapes(log, "/robots")[0.0]
+    bodies = shapes(log, "/acrc/robots")[0.0]
     assert {one.header.frame_id for one in bodies} == {"r1/base_link", "r2/base_link"}
-    assert max(logged for logged, _ in log["/r1/scan"]) < 11e9
+    assert max(logged for logged, _ in log["/acrc/r1/scan"]) < 11e9
 
 
 @pytest.mark.parametrize(
@@ -357,35 +400,35 @@ def test_wrong_options(options: dict[str, Any], sentence: str, out: Path, tmp_pa
     assert [path.name for path in tmp_path.iterdir()] == ["empty"]
 
 
-def entries(monkeypatch: pytest.MonkeyPatch, *told: SensorData) -> tuple[list[LogEntry], Counter[str]]:
+def entries(*told: SensorData) -> tuple[list[LogEntry], Counter[str]]:
     """Return the log entries of a robot that reports no pose, and the counts of rejected messages."""
     left_out = Counter[str]()
-    monkeypatch.setattr(robot_entries, "messages_on", lambda path, topic: (("r1", one) for one in told))
     source = RecordedProcess("r1", "r1", lambda instants: instants / 1e6)
     none = np.zeros((0, 3))
     track = Trajectory(np.zeros(0), none, none, none, ())
-    found = robot_entries.sensor_entries(Path("r1.mcap"), source, track, MODEL, left_out)
-    return list(found), +left_out
+    return list(robot_entries.sensor_entries(source, told, track, MODEL, left_out)), +left_out
 
 
-def test_invalid_messages_are_left_out_and_counted(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_invalid_messages_are_left_out_and_counted() -> None:
     replace = msgspec.structs.replace
     short, late = Scan(0, b"\0\0\0"), replace(SCAN, stamp=2**63)
     found, left_out = entries(
-        monkeypatch,
         GOOD,
         replace(GOOD, scan=short),
         replace(GOOD, earlier_scans=(late,)),
         replace(GOOD, instant=-(2**63)),
         replace(GOOD, halt=True),
     )
-    assert left_out == {"/r1/scan": 2, "/r1/odom": 1}
-    assert Counter(one.topic for one in found) == {"/tf": 3, "/r1/odom": 3, "/r1/scan": 2}
+    assert left_out == {"/acrc/r1/scan": 2, "/acrc/r1/odom": 1}
+    assert Counter(one.topic for one in found) == {"/tf": 3, "/acrc/r1/odom": 3, "/acrc/r1/scan": 2}
 
 
 @pytest.mark.parametrize("instant", [-1, 2**31 * 1_000_000])
 def test_an_instant_beyond_ros_time_is_left_out(instant: int, tmp_path: Path) -> None:
     left_out = Counter[str]()
-    given = [LogEntry(0, "/rosout", ros2_log.log_line("r1", "a", 0), 0), LogEntry(0, "/rosout", b"", instant)]
+    given = [
+        LogEntry(0, "/rosout", ros2_log.log_line("r1", "a", 0), 0),
+        LogEntry(0, "/rosout", None, instant),
+    ]
     counts = ros2_log.write(tmp_path / "a.mcap", given, left_out)
     assert (counts["/rosout"], left_out["/rosout"]) == (1, 1)

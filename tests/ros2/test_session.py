@@ -17,8 +17,8 @@ TWIST = "geometry_msgs/msg/Twist"
 _TIMEOUT_S = 10.0
 
 
-def wait_for(condition: Callable[[], object]) -> None:
-    deadline = time.monotonic() + _TIMEOUT_S
+def wait_for(condition: Callable[[], object], timeout_s: float = _TIMEOUT_S) -> None:
+    deadline = time.monotonic() + timeout_s
     while not condition():
         assert time.monotonic() < deadline, "timeout"
         time.sleep(0.01)
@@ -29,8 +29,8 @@ def link() -> Iterator[RouterLink]:
     yield RouterLink(router=f"tcp/127.0.0.1:{free_port()}", domain=7, namespace="/r1")
 
 
-def session(link: RouterLink, name: str) -> Ros2Session:
-    return Ros2Session(link, name, lambda: Instant(time.monotonic_ns() // 1000))
+def session(link: RouterLink, name: str, *, serves: bool = False) -> Ros2Session:
+    return Ros2Session(link, name, lambda: Instant(time.monotonic_ns() // 1000), serves=serves)
 
 
 def twist(v: float) -> bytes:
