@@ -53,7 +53,7 @@ NOT_RUN: Final[Mapping[str, str]] = MappingProxyType({
     r"(ROS_DOMAIN_ID=0|export|ros2|sudo) ": "runs on a robot with ROS 2",
     r"python -m pip|\./acrc (add|fleet bundle) ": "needs a network",
     r"\S*acrc (cluster|.*tls://HOST)": "needs a cluster",
-    r"\S*acrc fleet (doctor|onboard|units .* --robot r2$)": "needs a robot",
+    r"\S*acrc fleet (doctor|onboard|radio|units .* --robot r2$)": "needs a robot",
     r"\./acrc (view \S+$|.* (--view|--control|--screenshot|--pdb|--debug)\b)": "interactive",
     r"\./acrc (check|test|verify)( (tests|my_study)/\S+| \w+ --full)?$": "runs the tests",
     r"\./acrc (order|run .* --speed 1 )": "needs a second terminal",
