@@ -101,7 +101,7 @@ def test_three_robots_clean_their_places_one_of_them_without_a_board(tmp_path: P
     np.testing.assert_array_equal(own.covariances, aligned.covariances[: len(own.seconds)])
     np.testing.assert_array_equal(own.plans.points, aligned.plans.points[: len(own.plans.points)])
     report = log_run(out, tmp_path / "robots.mcap", ("r1",))
-    assert report.counts["/r1/odom"] > 50 and not [note for note in report.notes if "left out" in note]
+    assert report.counts["/acrc/r1/odom"] > 50 and not [note for note in report.notes if "left out" in note]
     checked = acrc("record", "check", out)
     assert checked.returncode == 0, checked.stderr
     assert checked.stdout.startswith("no digest without a recording of the world, over "), checked.stdout
