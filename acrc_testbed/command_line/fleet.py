@@ -75,15 +75,10 @@ def watch(
         if view is None:
             operator_station.watch(endpoints, keys)
         else:
-            _show_robots(endpoints, keys, view)
+            from deploy.fleet import fleet_view
+
+            fleet_view.show(endpoints, keys, _load(view))
     _exit_now(130)
-
-
-def _show_robots(endpoints: list[str], keys: Path, fleet: Path) -> None:
-    """Show robots in the viewer."""
-    from deploy.fleet import fleet_view
-
-    fleet_view.show(endpoints, keys, _load(fleet))
 
 
 def _load(fleet: Path) -> "Fleet":
@@ -114,17 +109,16 @@ def _send_order(endpoints: list[str], keys: Path, order: Order, *, json: bool) -
     """Send an order to all robots, print each outcome and exit."""
     from deploy.fleet import operator_station
 
-    answers = operator_station.send_order(endpoints, keys, order)
-    for one in answers:
-        if one.failure:
-            print(f"acrc: {one.endpoint}: {one.failure}", file=sys.stderr)
-    lines = [
-        f"acrc: {one.endpoint}: {operator_station.STATE_AFTER[type(order)]}"
-        for one in answers
-        if not one.failure
-    ]
-    answer(lines, [{"endpoint": one.endpoint, "failure": one.failure} for one in answers], json=json)
-    _exit_now(1 if any(one.failure for one in answers) else 0)
+    failures = operator_station.send_order(endpoints, keys, order)
+    lines = []
+    for endpoint, failure in failures.items():
+        if failure:
+            print(f"acrc: {endpoint}: {failure}", file=sys.stderr)
+        else:
+            lines.append(f"acrc: {endpoint}: {operator_station.STATE_AFTER[type(order)]}")
+    rows = [{"endpoint": endpoint, "failure": failure} for endpoint, failure in failures.items()]
+    answer(lines, rows, json=json)
+    _exit_now(int(any(failures.values())))
 
 
 def _exit_now(code: int) -> NoReturn:
@@ -162,16 +156,17 @@ def onboard(
     from actors.processes.kernel_compilation import compile_kernels
     from deploy.fleet import onboard_run
     from deploy.run import out_folder
+    from deploy.run.options import RunOptions, check_options
 
-    console = create_console(stderr=True)
+    say = create_console(stderr=True).print
     named = permission(modules).modules
     loaded = _load(fleet)
-    folder = out_folder.checked_path(out, mesh=True) if out else onboard_run.new_folder(Path("runs"))
-    options = onboard_run.OnboardOptions(folder, isolate, debugpy, at, ros2, router or "", named)
+    folder = out or onboard_run.new_folder(Path("runs"))
+    options = RunOptions(folder, speed="1", isolate=isolate, ros2=ros2, router=router or "", modules=named)
     with out_folder.remove_if_empty(folder):
-        prepared = onboard_run.prepare(loaded, robot, options, console.print)
+        prepared = onboard_run.prepare(loaded, robot, check_options(options), say, at=at, debug_port=debugpy)
         compile_kernels(onboard=True)  # reports progress: it takes a minute, five on a small board
-        onboard_run.run(prepared, console.print)
+        onboard_run.run(prepared, say)
 
 
 def radio(

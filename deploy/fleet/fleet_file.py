@@ -25,6 +25,7 @@ from actors.settings import ParameterError, Text
 from actors.task.loading import decode_items, load_task, task_entry, task_setup
 from actors.world.world_setup import BodySetup, WorldSetup
 from cleaning.strategies import entry
+from deploy.hosts.address import host_and_port
 from deploy.scenario.events import area_repetition_fault, repetition_fault
 from deploy.scenario.resolve import Swarm
 from deploy.scenario.tables import ConductTable, RobotId, Seed, StepMs, SwarmFile, decode_swarm_file
@@ -34,9 +35,7 @@ from firmware_bridge.ros2.settings import RobotTopics, Ros2Base
 
 UNLIMITED_US: Final = 2**62
 """Duration of a robot's run, µs: unlimited."""
-_LISTEN: Final = re.compile(
-    r"tls/(?P<host>\[[0-9A-Fa-f:.]+\]|[A-Za-z0-9][A-Za-z0-9.-]*):(?P<port>[0-9]{1,5})"
-)
+_LISTEN: Final = re.compile(r"tls/(?:\[[0-9A-Fa-f:.]+\]|[A-Za-z0-9][A-Za-z0-9.-]*):[0-9]{1,5}")
 
 
 _ABSOLUTE_PATH: Final = r"/[^\x00-\x1f\x7f]+"
@@ -132,8 +131,7 @@ class FleetRobot(RobotDescription, frozen=True, kw_only=True):
     @property
     def listen_host(self) -> str | None:
         """Host in `listen`, without brackets; None if the robot does not listen."""
-        match = _LISTEN.fullmatch(self.listen or "")
-        return None if match is None else match["host"].strip("[]")
+        return None if self.listen is None else host_and_port(self.listen)[0]
 
     @property
     def listens_everywhere(self) -> bool:
@@ -142,11 +140,11 @@ class FleetRobot(RobotDescription, frozen=True, kw_only=True):
 
 
 def _is_endpoint(endpoint: str) -> bool:
-    match = _LISTEN.fullmatch(endpoint)
-    if match is None or not 0 < int(match["port"]) < 65536:
+    if not _LISTEN.fullmatch(endpoint):
         return False
+    host, port = host_and_port(endpoint)
     try:
-        return not match["host"].startswith("[") or bool(ipaddress.IPv6Address(match["host"].strip("[]")))
+        return 0 < port < 65536 and (endpoint[4] != "[" or bool(ipaddress.IPv6Address(host)))
     except ValueError:
         return False
 
@@ -256,22 +254,21 @@ def _fault(file: _FleetFile) -> str | None:
             "deeco.key must be absent, as fleet files are not secret; use radio.authenticated = true and the "
             "key of `acrc fleet keys`"
         )
-    ids = [robot.id for robot in file.robot]
+    ids, owners = [robot.id for robot in file.robot], dict[int, str]()
     if fault := repetition_fault(ids, "robot[{}].id", "each robot must have its own id"):
         return fault
     for index, robot in enumerate(file.robot):
-        key, earlier = f"robot[{index}]", file.robot[:index]
+        key = f"robot[{index}]"
         if (robot.radio == NETWORK) is (file.radio.network is None):
             return (
                 f'{key}.radio is "{robot.radio}", but must be "{NETWORK}" for all robots where radio.network '
                 "is set, and a port where it is absent"
             )
-        for one in earlier:
-            if one.address == robot.address:
-                return (
-                    f"{key}.address: {robot.address} is the address of {one.id}, too; "
-                    "give each robot its own address"
-                )
+        if (owner := owners.setdefault(robot.address, robot.id)) != robot.id:
+            return (
+                f"{key}.address: {robot.address} is the address of {owner}, too; "
+                "give each robot its own address"
+            )
         used_ports: dict[str, str] = {}
         for name, port in (("base", robot.base), ("radio", robot.radio), ("range", robot.range)):
             if isinstance(port, str) and (other := used_ports.setdefault(port, name)) != name:

@@ -6,7 +6,6 @@ Messages are drawn at their time of arrival, in s since the view started.
 import math
 import queue
 import time
-from collections import Counter
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Final, NamedTuple
@@ -94,8 +93,8 @@ class FleetView:
         """Robot by endpoint, known from its first message."""
         self._reports: dict[str, str] = {}
         """Text of the last progress report by robot or endpoint."""
-        self._counts: Counter[str] = Counter()
-        self._drawn: set[str] = set()
+        self._counts: dict[str, int] = {}
+        """Number of frames by outcome since they were last drawn, from the first such frame on."""
         self._counted = 0.0
         self._missed = 0
         self._drawing = RunDrawing(self._canvas, self._model.take_reports(0.0), ())
@@ -131,7 +130,8 @@ class FleetView:
         match message:
             case Drive() | RadioEvents() if robot in self.robots:
                 if isinstance(message, RadioEvents):
-                    self._counts.update(EVENT_COUNTERS[type(event)] for event in message.events)
+                    for event in message.events:
+                        self._count_frame(EVENT_COUNTERS[type(event)])
                 message = convert_instants(message, lambda _: round(second * 1e6))
                 self._model.extend(key, message, second)
                 if isinstance(message, Drive):
@@ -165,18 +165,19 @@ class FleetView:
         if any(changes := self._judge.take_changes()):
             self._model.extend(TASK_CHANGED.key(), TaskChanged(0, *changes), second)
 
+    def _count_frame(self, name: str) -> None:
+        if name not in self._counts:
+            self._counts[name] = 0
+            colour = OUTCOME_COLOURS["heard"] if name == "copies_heard" else GREY
+            panels.set_line_style(self._canvas, f"plots/copies/{name}", name.replace("_", " "), colour)
+        self._counts[name] += 1
+
     def _plot_frames(self, now: float) -> None:
         """Plot frames per second by outcome."""
-        for name in EVENT_COUNTERS.values():
-            path = f"plots/copies/{name}"
-            if self._counts[name] and name not in self._drawn:
-                self._drawn.add(name)
-                colour = OUTCOME_COLOURS["heard"] if name == "copies_heard" else GREY
-                panels.set_line_style(self._canvas, path, name.replace("_", " "), colour)
-            if name in self._drawn:
-                rate = self._counts[name] / (now - self._counted)
-                panels.draw_line(self._canvas, path, [now], np.array([rate]))
-        self._counts.clear()
+        for name, count in self._counts.items():
+            rate = count / (now - self._counted)
+            panels.draw_line(self._canvas, f"plots/copies/{name}", [now], np.array([rate]))
+            self._counts[name] = 0
         self._counted = now
 
 

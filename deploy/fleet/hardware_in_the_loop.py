@@ -15,7 +15,7 @@ from acrc_testbed.results.seal import seal
 from actors.installation.usage import OptionError, wrong_value
 from actors.instant import in_seconds
 from actors.messages import PROGRESS, Progress
-from actors.processes.launcher import Launcher, Program, create_launcher
+from actors.processes.launcher import ChildProcess, Launcher, Program, create_launcher
 from actors.processes.signals import signals_as_interrupts
 from actors.radio.radio_model import radio_model
 from actors.runtime import typed_json
@@ -90,7 +90,7 @@ def run(scenario: Scenario, options: RunOptions, launcher: Launcher | None = Non
     items, task = plan.world.initial_work, plan.world.task.declaration
     with progress.show_progress(plan.world.duration_us, items, task, quiet=options.json) as follow:
         _run_processes(plan, simulated, launcher or create_launcher(options.spawn, reap=False), follow)
-    folders = [plan.folder(robot.id) for robot in plan.world.robots]
+    folders = [plan.folder(robot) for robot in robots]
     result = collect(folders, truth=plan.folder(LABORATORY) / "result.json", out=plan.out / "result")
     seal(plan.out)
     return result
@@ -102,9 +102,7 @@ def _run_processes(
     folder = plan.folder(LABORATORY)
     with signals_as_interrupts(), launcher_context as launcher, ExitStack() as stack:
         swarm.preflight(plan, launcher)
-        devices = _EmulatedDevices(plan, simulated, launcher)
-        stack.callback(devices.end_all)
-        devices.start_devices()
+        devices = _start_devices(plan, simulated, launcher, stack)
         robots = [
             _onboard_robot(plan, index, folder, board=robot.id not in simulated)
             for index, robot in enumerate(plan.world.robots)
@@ -114,44 +112,39 @@ def _run_processes(
         _supervise(plan, supervisors, buses, devices, on_progress)
 
 
-class _EmulatedDevices(Supervisor):
-    """Supervisor of the process that emulates the devices."""
+def _start_devices(
+    plan: RunPlan, simulated: tuple[str, ...], launcher: Launcher, stack: ExitStack
+) -> ChildProcess:
+    """Start the process that emulates the devices, and wait until they are available."""
+    folder = plan.folder(LABORATORY)
+    models = {str(path): file for path, file in plan.scenario.models}
+    world = relative_world_setup(plan, lambda robot: f"../{models[str(Path(robot.model))]}")
+    modules = tuple(map(str, FINDER.task_folders))
+    setup = LaboratorySetup(world, relative_radio_setup(plan), simulated, modules)
+    (folder / SETUP).write_bytes(typed_json.dump(setup))
+    argv = (
+        "--setup", str(folder / SETUP), "--links", str(folder / "links"),
+        "--result", str(folder / "result.json"), "--with-parent",
+    )  # fmt: skip
+    log, devices = folder / "laboratory.log", Supervisor(launcher)
+    stack.callback(devices.end_all)
+    devices.start([Program(LABORATORY, "firmware_bridge.laboratory", argv, log, None)])
+    (process,) = devices.running
+    deadline = time.monotonic() + _START_TIMEOUT_S
+    while "ready" not in (log.read_text() if log.is_file() else "").split("\n"):
+        launcher.wait(devices.POLL_S)
+        _check_devices(process)
+        if time.monotonic() > deadline:
+            raise AcrcError(f"the emulated devices did not start within {_START_TIMEOUT_S:g} s")
+    return process
 
-    def __init__(self, plan: RunPlan, simulated: tuple[str, ...], launcher: Launcher) -> None:
-        folder = plan.folder(LABORATORY)
-        super().__init__(launcher)
-        self._folder = folder
-        models = {str(path): file for path, file in plan.scenario.models}
-        world = relative_world_setup(plan, lambda robot: f"../{models[str(Path(robot.model))]}")
-        modules = tuple(map(str, FINDER.task_folders))
-        setup = LaboratorySetup(world, relative_radio_setup(plan), simulated, modules)
-        (folder / SETUP).write_bytes(typed_json.dump(setup))
 
-    def start_devices(self) -> None:
-        """Start the process and wait until the devices are available."""
-        folder = self._folder
-        argv = (
-            "--setup", str(folder / SETUP), "--links", str(folder / "links"),
-            "--result", str(folder / "result.json"), "--with-parent",
-        )  # fmt: skip
-        log = folder / "laboratory.log"
-        program = Program(LABORATORY, "firmware_bridge.laboratory", argv, log, None)
-        self.start([program])
-        deadline = time.monotonic() + _START_TIMEOUT_S
-        while "ready" not in (log.read_text() if log.is_file() else "").split("\n"):
-            self._launcher.wait(self.POLL_S)
-            self.check()
-            if time.monotonic() > deadline:
-                raise AcrcError(f"the emulated devices did not start within {_START_TIMEOUT_S:g} s")
-
-    def check(self) -> None:
-        """Raise AcrcError if the process has exited."""
-        (child,) = self._children
-        if child.exit_code is not None:
-            raise AcrcError(
-                f"the emulated devices exited with code {child.exit_code}; "
-                f"see {self._folder / 'laboratory.log'}"
-            )
+def _check_devices(process: ChildProcess) -> None:
+    """Raise AcrcError if the process that emulates the devices has exited."""
+    if process.exit_code is not None:
+        raise AcrcError(
+            f"the emulated devices exited with code {process.exit_code}; see {process.program.log}"
+        )
 
 
 def _onboard_robot(plan: RunPlan, index: int, folder: Path, *, board: bool) -> OnboardRobot:
@@ -183,7 +176,7 @@ def _supervise(
     plan: RunPlan,
     supervisors: Sequence[OnboardSupervisor],
     buses: Sequence[ZenohBus],
-    devices: _EmulatedDevices,
+    devices: ChildProcess,
     on_progress: OnProgress,
 ) -> None:
     """Supervise the robots until no robot has items left or the time is over."""
@@ -194,7 +187,7 @@ def _supervise(
     while (elapsed := time.monotonic() - started) < duration_s and (unlisted or any(left)):
         for supervisor in supervisors:
             supervisor.restart_exited(0.02)
-        devices.check()
+        _check_devices(devices)
         for index, bus in enumerate(buses):
             for report in arrived(bus, PROGRESS):
                 left[index], done[index] = report.left, report.done

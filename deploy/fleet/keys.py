@@ -17,6 +17,7 @@ from actors.runtime.isolation.credentials import PACKET_KEY_FILE, write_secret
 from actors.runtime.isolation.tls import AUTHORITY_FILE, CERTIFICATE_FILE, OPERATOR, RADIO_STATION
 from deploy.fleet.fleet_file import Fleet, FleetRobot
 from deploy.hosts import certificates
+from deploy.hosts.address import host_and_port
 
 AUTHORITY_FOLDER: Final = "authority"
 """Folder of the certificate authority; do not copy it to robots."""
@@ -146,7 +147,7 @@ def _describe_keys(
 ) -> FleetKeys:
     machines = [_robot_keys(robot, out, hosts.get(robot.id, ())) for robot in fleet.robots]
     if fleet.radio.network is not None:
-        host = fleet.radio.network.removeprefix("tls/").rpartition(":")[0].strip("[]")
+        host, _ = host_and_port(fleet.radio.network)
         machines.append(MachineKeys(RADIO_STATION, out / RADIO_STATION, (host,), listens_unnamed=False))
     return FleetKeys(
         home=out / AUTHORITY_FOLDER,

@@ -47,7 +47,7 @@ class Ports(NamedTuple):
 
     base: str | Ros2Base
     radio: str
-    """Port, or with `radio_keys` an endpoint `tls/HOST:PORT`."""
+    """Port, or with `keys` and no board an endpoint `tls/HOST:PORT`."""
     range: str | None
     settings: BoardSettings
     board: bool = True
@@ -55,9 +55,7 @@ class Ports(NamedTuple):
     listen: str | None = None
     """Endpoint for the operator's laptop; None = no connections."""
     keys: str | None = None
-    """Folder with the robot's keys."""
-    radio_keys: str | None = None
-    """The same, to connect to a simulated medium; None = a port."""
+    """Folder with the robot's keys; None: it connects to no other computer."""
 
 
 @dataclass(frozen=True)
@@ -90,8 +88,7 @@ class OnboardRobot:
     @property
     def robot(self) -> BodySetup:
         """The one robot."""
-        (robot,) = self.plan.world.robots
-        return robot
+        return self.plan.world.robots[0]
 
     def folder(self, actor: str) -> Path:
         """Return the folder of the base or the bridge; the robot's sandbox hides both."""
@@ -160,9 +157,8 @@ def base_program(onboard: OnboardRobot, start: int) -> Program:
 def bridge_program(onboard: OnboardRobot, start: int) -> Program:
     """Return the bridge's program."""
     plan, ports, folder = onboard.plan, onboard.ports, onboard.folder(BRIDGE)
-    bridge = BridgeSetup(
-        onboard.robot.id, plan.world.step_us, ports.radio, ports.settings, ports.board, ports.radio_keys
-    )
+    keys = None if ports.board else ports.keys
+    bridge = BridgeSetup(onboard.robot.id, plan.world.step_us, ports.radio, ports.settings, ports.board, keys)
     record = f"{_numbered_name(folder.name, start)}.mcap"
     process = client_setup(plan, f"../{onboard.folder(BASE).name}", record)
     return actor_program(BRIDGE, "firmware_bridge.onboard.bridge", folder, ActorSetup(bridge, process))
@@ -286,8 +282,6 @@ def _recorded_robot(path: Path) -> _RecordedRobot | None:
     """Return the robot in a recording's first record; None if the recording is not a robot's."""
     try:
         first = next(read_recording(path), None)
-        if isinstance(first, Note) and first.name == "run":
-            return msgspec.json.decode(first.json, type=_RecordedRun).setup
+        return msgspec.json.decode(first.json, type=_RecordedRun).setup if isinstance(first, Note) else None
     except (RecordingError, OSError, ValueError):
-        pass
-    return None
+        return None

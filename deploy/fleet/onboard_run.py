@@ -7,10 +7,10 @@ import os
 import signal
 import socket
 import time
-from collections import deque
+from collections import Counter, deque
 from collections.abc import Callable, Mapping
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import replace
 from pathlib import Path
 from typing import Final, Protocol
 
@@ -18,7 +18,7 @@ import msgspec
 
 from actors.floor.map_file import load_map
 from actors.floor.placement import check_pose
-from actors.installation.usage import OptionError, command_name, wrong_value
+from actors.installation.usage import command_name, wrong_value
 from actors.installation.version import software_version
 from actors.processes.launcher import ChildProcess, Launcher, create_launcher
 from actors.processes.robot_logs import last_lines
@@ -54,6 +54,8 @@ class OnboardSupervisor(Supervisor):
 
     START_S: Final = 120.0
     """Timeout for the start of the base, s; afterwards it is killed."""
+    POLL_S = 0.05
+    """Period of supervision and of stop commands, s; our choice."""
     GRACE_S = 5.0
     CONTINUES_STOPPED = False
 
@@ -67,8 +69,14 @@ class OnboardSupervisor(Supervisor):
         super().__init__(launcher, say, poll)
         self._onboard = onboard
         self._withdraw = launcher.withdraw
-        self._count = {layout.BASE: 0, layout.BRIDGE: 0, onboard.robot.id: 0}
-        self._restart_times: deque[float] = deque()
+        self._programs = {
+            layout.BASE: layout.base_program,
+            layout.BRIDGE: layout.bridge_program,
+            onboard.robot.id: layout.onboard_robot_program,
+        }
+        self._count = Counter[str]()
+        """Number of starts by name."""
+        self._restart_times = deque[float](maxlen=_MAX_RESTARTS + 1)
         self._current: dict[str, ChildProcess] = {}
         """Latest process by name."""
         self._losses: dict[Path, str] = {}
@@ -77,7 +85,7 @@ class OnboardSupervisor(Supervisor):
     @property
     def restarts(self) -> int:
         """Number of restarts of all processes."""
-        return sum(max(0, count - 1) for count in self._count.values())
+        return self._count.total() - len(self._count)
 
     @property
     def base_pid(self) -> int | None:
@@ -128,9 +136,9 @@ class OnboardSupervisor(Supervisor):
             self.end_all()
             layout.remove_passwords(self._onboard)
             self.start_robot()
-            return True
-        for name in exited:
-            self._start(name)
+        else:
+            for name in exited:
+                self._start(name)
         return True
 
     def end_all(self) -> None:
@@ -146,9 +154,7 @@ class OnboardSupervisor(Supervisor):
         """Count a restart of the process `name`; end all and raise AcrcError above the limit."""
         now = time.monotonic()
         self._restart_times.append(now)
-        while self._restart_times[0] < now - _RESTART_PERIOD_S:
-            self._restart_times.popleft()
-        if len(self._restart_times) > _MAX_RESTARTS:
+        if len(self._restart_times) > _MAX_RESTARTS and self._restart_times[0] >= now - _RESTART_PERIOD_S:
             self.end_all()
             raise AcrcError(
                 f"{self._onboard.robot.id}: its processes were started {_MAX_RESTARTS} times within "
@@ -158,9 +164,7 @@ class OnboardSupervisor(Supervisor):
     def _start(self, name: str) -> None:
         number = self._count[name]
         self._count[name] += 1
-        programs = {layout.BASE: layout.base_program, layout.BRIDGE: layout.bridge_program}
-        program = programs.get(name, layout.onboard_robot_program)
-        self.start([program(self._onboard, number)])
+        self.start([self._programs[name](self._onboard, number)])
         self._current[name] = self._children[-1]
 
     def _report_losses(self) -> None:
@@ -174,10 +178,6 @@ class OnboardSupervisor(Supervisor):
             if loss is not None and self._losses.get(record) != loss:
                 self._losses[record] = loss
                 self._say(f"{name}: {loss}")
-
-
-POLL_INTERVAL_S: Final = 0.05
-"""Period of supervision and of stop commands, s; our choice."""
 
 
 class ClosableStop(guardian.StopHandler, Protocol):
@@ -227,81 +227,57 @@ class FallbackStop:
             self._sender = None
 
 
-_SOCKET: Final = "NOTIFY_SOCKET"
+READY: Final = "READY=1"
+"""Notification that all processes have been started."""
+RESET_WATCHDOG: Final = "WATCHDOG=1"
+"""Reset of the watchdog of systemd, which otherwise terminates the service."""
 
 
-class SystemdNotifier:
-    """Notifications to systemd (sd_notify(3)); without effect if systemd did not start this process."""
-
-    def __init__(self, environment: Mapping[str, str] | None = None) -> None:
-        """Open the socket named by NOTIFY_SOCKET in `environment`; None: this process's environment."""
-        address = (os.environ if environment is None else environment).get(_SOCKET, "")
-        self._socket: socket.socket | None = None
-        if address[:1] in {"/", "@"}:
-            self._address = address.replace("@", "\0", 1) if address[0] == "@" else address
-            self._socket = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM | socket.SOCK_CLOEXEC)
-            self._socket.setblocking(False)
-
-    def notify_ready(self) -> None:
-        """Notify that all processes have been started."""
-        self._notify("READY=1")
-
-    def reset_watchdog(self) -> None:
-        """Reset the watchdog of systemd, which otherwise terminates the service."""
-        self._notify("WATCHDOG=1")
-
-    def _notify(self, line: str) -> None:
-        if self._socket is not None:
-            with suppress(OSError):  # systemd is busy; the next notification suffices
-                self._socket.sendto(line.encode(), self._address)
+def notify_systemd(state: str, environment: Mapping[str, str] = os.environ) -> None:
+    """Send a notification (sd_notify(3)); without effect if systemd did not start this process."""
+    address = environment.get("NOTIFY_SOCKET", "")
+    if address[:1] in {"/", "@"}:
+        with (
+            suppress(OSError),  # systemd is busy; the next notification suffices
+            socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM | socket.SOCK_CLOEXEC) as sender,
+        ):
+            sender.setblocking(False)
+            sender.sendto(state.encode(), address.replace("@", "\0", 1) if address[0] == "@" else address)
 
 
 AT_START: Final = "start"
 """The start pose of the fleet file."""
 
 
-@dataclass(frozen=True)
-class OnboardOptions:
-    """Options of `acrc fleet onboard`."""
-
-    out: Path
-    """Absolute path of the output folder; must not contain a folder of this robot."""
-    isolate: bool | None = None
-    """Sandbox the robot program; None: if supported and no debugger is used."""
-    debug_port: int | None = None
-    at: str | None = None
-    """Pose of the robot: AT_START or X,Y,HEADING; None: its last estimate, to be confirmed by scans."""
-    ros2: bool = False
-    """Publish live ROS 2 topics."""
-    router: str = ""
-    """With `ros2`: endpoint of the Zenoh router; empty: the default."""
-    modules: tuple[Path, ...] = ()
-    """Folders from which a user strategy may be loaded."""
-
-
-def prepare(fleet: Fleet, name: str, options: OnboardOptions, say: Say) -> OnboardRobot:
+def prepare(
+    fleet: Fleet,
+    name: str,
+    options: RunOptions,
+    say: Say,
+    *,
+    at: str | None = None,
+    debug_port: int | None = None,
+) -> OnboardRobot:
     """Check the configuration of the robot `name` and return it ready to run. Raises AcrcError.
 
-    `say`: called with later log messages.
+    `options`: checked; `out` must not contain a folder of this robot. `modules`: folders from which a user
+    strategy may be loaded. `say`: called with later log messages. `at`: pose of the robot, AT_START or
+    X,Y,HEADING; None: its last estimate, to be confirmed by scans.
     """
-    if options.debug_port is not None and importlib.util.find_spec("debugpy") is None:
+    if debug_port is not None and importlib.util.find_spec("debugpy") is None:
         raise AcrcError(
-            f"--debugpy: {options.debug_port} needs the Python package debugpy; install it with "
+            f"--debugpy: {debug_port} needs the Python package debugpy; install it with "
             f"`{command_name()} add debugpy`"
         )
-    if options.ros2:
-        router_link(options.router)
-    elif options.router:
-        raise OptionError(f"--router: {options.router}; requires --ros2")
     pose_file = options.out.parent / f"{name}.pose"
     robot = fleet.robot_named(name)
-    if options.at is not None:
-        robot = msgspec.structs.replace(robot, start=_parse_pose(options.at, robot))
-    model = load_model(robot.model, robot.sensor)
-    check_pose(load_map(str(fleet.map)), robot.start_point, model.footprint.circumradius, name)
+    if at is not None:
+        robot = msgspec.structs.replace(robot, start=_parse_pose(at, robot))
+    radius = load_model(robot.model, robot.sensor).footprint.circumradius
+    check_pose(load_map(fleet.map), robot.start_point, radius, name)
     radio = fleet.radio
     settings = BoardSettings(robot.address, radio.channel, radio.pan, radio.power_db)
-    keys_folder = str(fleet.key_folder(name))
+    keys = fleet.key_folder(name)
     ports = Ports(
         robot.base,
         radio.network or robot.radio,
@@ -309,20 +285,18 @@ def prepare(fleet: Fleet, name: str, options: OnboardOptions, say: Say) -> Onboa
         settings,
         board=radio.network is None,
         listen=robot.listen,
-        keys=None if robot.listen is None else keys_folder,
-        radio_keys=None if radio.network is None else keys_folder,
+        keys=str(keys) if robot.needs_keys else None,
     )
-    counter = EpochCounter(name, options.out.parent, say)
-    if options.at is not None:
+    if at is not None:
         pose_file.unlink(missing_ok=True)
     return OnboardRobot(
-        _plan(fleet, robot, options),
+        _plan(fleet, robot, options, debugged=debug_port is not None),
         ports,
-        counter.claim,
-        options.debug_port,
+        EpochCounter(name, options.out.parent, say).claim,
+        debug_port,
         pose_file,
         functools.partial(_link_fault, fleet, robot),
-        fleet.key_folder(name) / PACKET_KEY_FILE if fleet.radio.authenticated else None,
+        keys / PACKET_KEY_FILE if radio.authenticated else None,
     )
 
 
@@ -336,12 +310,14 @@ def run(prepared: OnboardRobot, say: Say) -> None:
         create_launcher("exec", reap=False) as launcher,
     ):
         layout.write_folders(prepared)
-        service, is_unconfirmed = SystemdNotifier(), last_pose.read(prepared.pose_file) is not None
+        is_unconfirmed = last_pose.read(prepared.pose_file) is not None
         operator = OperatorAccessCheck(prepared.link_fault, say)
-        supervisor = OnboardSupervisor(prepared, launcher, say, poll=service.reset_watchdog)
+        supervisor = OnboardSupervisor(
+            prepared, launcher, say, poll=functools.partial(notify_systemd, RESET_WATCHDOG)
+        )
         try:
             supervisor.start_robot()
-            service.notify_ready()
+            notify_systemd(READY)
             say(f"{prepared.robot.id} is running; recordings in {prepared.plan.out}")
             operator.check_if_due()
             if is_unconfirmed:
@@ -350,7 +326,7 @@ def run(prepared: OnboardRobot, say: Say) -> None:
                     "`--at start` or `--at X,Y,HEADING`"
                 )
             fallback = FallbackStop(functools.partial(connect_stop, prepared.ports.base), say)
-            while supervisor.restart_exited(POLL_INTERVAL_S):
+            while supervisor.restart_exited(supervisor.POLL_S):
                 fallback.update(supervisor.base_pid)
                 operator.check_if_due()
             say(f"{prepared.robot.id} stopped by the operator")
@@ -389,15 +365,13 @@ def _parse_pose(at: str, robot: FleetRobot) -> tuple[float, float, float]:
     """Parse the pose in `--at`. Raises OptionError."""
     if at == AT_START:
         return robot.start
-    try:
-        x, y, heading = (float(word) for word in at.split(","))
-    except ValueError:
-        x = math.nan
-    if not math.isfinite(x) or not (math.isfinite(y) and math.isfinite(heading)):
-        raise wrong_value(
-            "--at", at, f"{AT_START}, or X,Y,HEADING in m and rad, map frame, such as 12.0,5.0,1.57"
-        )
-    return x, y, heading
+    with suppress(ValueError):
+        x, y, heading = map(float, at.split(","))
+        if math.isfinite(x + y + heading):
+            return x, y, heading
+    raise wrong_value(
+        "--at", at, f"{AT_START}, or X,Y,HEADING in m and rad, map frame, such as 12.0,5.0,1.57"
+    )
 
 
 def new_folder(runs: Path) -> Path:
@@ -405,17 +379,11 @@ def new_folder(runs: Path) -> Path:
     return claim(runs, time.strftime("%Y%m%d-%H%M%S", time.gmtime()))
 
 
-def _plan(fleet: Fleet, robot: FleetRobot, options: OnboardOptions) -> RunPlan:
-    choice = choose_isolation(options.isolate, debugged=options.debug_port is not None)
+def _plan(fleet: Fleet, robot: FleetRobot, options: RunOptions, *, debugged: bool) -> RunPlan:
+    choice = choose_isolation(options.isolate, debugged=debugged)
     return RunPlan(
         **vars(fleet.swarm(robot)),
-        options=RunOptions(
-            options.out,
-            speed="1",
-            ros2=options.ros2,
-            router=options.router,
-            modules=user_code_folders(fleet, Permit(options.modules)),
-        ),
+        options=replace(options, modules=user_code_folders(fleet, Permit(options.modules))),
         scenario=ScenarioCopy("", ()),
         commit=software_version(),
         isolate=choice.isolate,

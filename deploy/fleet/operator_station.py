@@ -1,13 +1,13 @@
 """Operator station: monitors robots over the network, and stops, pauses or resumes them."""
 
 import queue
+import re
 import socket
 import ssl
 import sys
 import threading
 import time
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
@@ -21,6 +21,7 @@ from actors.runtime.errors import AcrcError, printable
 from actors.runtime.isolation.tls import Keys, laptop_config, load_keys
 from actors.runtime.zenoh_bus import ZenohBus, open_session
 from actors.topic import Message
+from deploy.hosts.address import host_and_port
 from firmware_bridge.serial_port import Say, changed_only
 
 _REFUSAL_TIMEOUT_S = 0.3
@@ -29,13 +30,12 @@ _REFUSAL_TIMEOUT_S = 0.3
 
 def connection_fault(endpoint: str, keys: Keys, machine: str = "laptop") -> str:
     """Return why this `machine` cannot connect to `tls/HOST:PORT`; empty if a handshake succeeds."""
-    host, _, port = endpoint.removeprefix("tls/").rpartition(":")
-    host = host.strip("[]")
+    host, port = host_and_port(endpoint)
     try:
         context = ssl.create_default_context(cafile=str(keys.authority))
         context.load_cert_chain(keys.certificate, keys.private_key)
         with (
-            socket.create_connection((host, int(port)), _CAUSE_TIMEOUT_S) as plain,
+            socket.create_connection((host, port), _CAUSE_TIMEOUT_S) as plain,
             context.wrap_socket(plain, server_hostname=host) as secure,
         ):
             secure.settimeout(_REFUSAL_TIMEOUT_S)
@@ -69,15 +69,6 @@ _POLL_INTERVAL_S: Final = 0.02
 """Period of polling for messages, s; our choice, a hundredth of `_ORDER_TIMEOUT_S`."""
 
 
-@dataclass(frozen=True)
-class OrderResult:
-    """Result of an order to one robot."""
-
-    endpoint: str
-    failure: str | None
-    """Why the order is not confirmed; None: the robot confirmed it."""
-
-
 STATE_AFTER: Final[Mapping[type[Order], str]] = {
     Stop: "stopped",
     Pause: "paused until resumed",
@@ -86,10 +77,11 @@ STATE_AFTER: Final[Mapping[type[Order], str]] = {
 """The robot's state after each order, in words."""
 
 
-def send_order(endpoints: Sequence[str], keys: Path, order: Order) -> list[OrderResult]:
-    """Send an order to all robots in parallel and return the results, after `_ORDER_TIMEOUT_S` at the latest.
+def send_order(endpoints: Sequence[str], keys: Path, order: Order) -> dict[str, str | None]:
+    """Send an order to all robots in parallel, for at most `_ORDER_TIMEOUT_S`.
 
-    Raises AcrcError for an invalid endpoint or keys, before anything is sent.
+    Return why the order is not confirmed, by endpoint; None: the robot confirmed it. Raises AcrcError for an
+    invalid endpoint or keys, before anything is sent.
     """
     loaded_keys, names = _check_endpoints(endpoints, keys)
     deadline = time.monotonic() + _ORDER_TIMEOUT_S
@@ -125,12 +117,10 @@ def send_order(endpoints: Sequence[str], keys: Path, order: Order) -> list[Order
         thread.start()
     for thread in threads[: len(names)]:
         thread.join(max(0.0, deadline - time.monotonic()))
-    return [_result(name, failures[name], causes) for name in names]
-
-
-def _result(endpoint: str, failure: str | None, causes: Mapping[str, str]) -> OrderResult:
-    cause = causes.get(endpoint) if failure else ""
-    return OrderResult(endpoint, f"{failure}: {cause}" if cause else failure)
+    return {
+        name: f"{failure}: {causes[name]}" if failure and causes.get(name) else failure
+        for name, failure in failures.items()
+    }
 
 
 def _is_confirmed(progress: Progress, order: Order) -> bool:
@@ -145,10 +135,8 @@ def watch(endpoints: Sequence[str], keys: Path) -> None:
     lines: queue.SimpleQueue[str] = queue.SimpleQueue()
     start_listeners(endpoints, keys, lines)
     while True:
-        try:
-            sys.stdout.write(lines.get(timeout=0.1) + "\n")
-        except queue.Empty:
-            sys.stdout.flush()
+        sys.stdout.write(f"{lines.get()}\n")
+        sys.stdout.flush()
 
 
 def start_listeners(
@@ -198,10 +186,10 @@ def start_listeners(
 def _check_endpoints(endpoints: Sequence[str], keys: Path) -> tuple[Keys, list[str]]:
     """Return the keys and the distinct endpoints. Raises AcrcError if one is invalid."""
     for endpoint in endpoints:
-        host, colon, port = endpoint.removeprefix("tls/").rpartition(":")
-        if not endpoint.startswith("tls/") or not host or not colon or not port.isdecimal():
+        match = re.fullmatch(r"tls/.+:(\d+)", endpoint)
+        if match is None:
             raise wrong_value("ENDPOINT", endpoint, "like tls/192.168.1.12:7447")
-        if not 0 < int(port[:6]) < 65536:
+        if not 0 < int(match[1][:6]) < 65536:
             raise wrong_value("ENDPOINT", endpoint, "one with a port from 1 to 65535")
     return load_keys(keys), list(dict.fromkeys(endpoints))
 

@@ -10,6 +10,7 @@ from actors.instant import Instant, in_seconds
 from actors.robot_model import RobotModel
 from actors.wording import one_of
 from deploy.fleet.doctor import DoctorFinding
+from deploy.hosts.address import host_and_port
 from firmware_bridge.ros2.message_types import (
     COMMAND_TYPES,
     TOPIC_TYPES,
@@ -98,9 +99,8 @@ def observe(base: Ros2Base) -> GraphState:
 
 def _port_fault(router: str) -> str:
     """Return why no TCP connection to the router is possible; empty if one is."""
-    host, _, port = router.removeprefix("tcp/").rpartition(":")
     try:
-        socket.create_connection((host.strip("[]"), int(port)), _TIMEOUT_S).close()
+        socket.create_connection(host_and_port(router), _TIMEOUT_S).close()
     except OSError as error:
         return (error.strerror or str(error)).lower()
     return ""

@@ -6,7 +6,6 @@ Source: systemd.unit(5), systemd.service(5), systemd.exec(5), systemd.resource-c
 import os
 import re
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from string import Template
 from typing import Final, NamedTuple
@@ -174,8 +173,7 @@ _TEMPLATE: Final = Path(__file__).with_name("robot.service")
 _USER: Final = re.compile(r"[A-Za-z_][A-Za-z0-9_-]{0,30}")
 
 
-@dataclass(frozen=True)
-class UnitFiles:
+class UnitFiles(NamedTuple):
     """Written service and rules."""
 
     service_file: Path
@@ -244,7 +242,7 @@ def service_text(
         # Listening at a specific address, a robot's router, and a radio medium need a configured network.
         after, wants = f"{after} network-online.target", "network-online.target"
     own = (word for folder in modules for word in ("--modules", str(folder)))
-    start = (str(program), "fleet", "onboard", str(fleet.path), "--robot", robot.id, *own)
+    start = [str(program), "fleet", "onboard", str(fleet.path), "--robot", robot.id, *own]
     guardian = root / "firmware_bridge" / "kobuki" / "guardian.py"
     # "-": systemd ignores the exit code.
     if isinstance(robot.base, str):
@@ -253,6 +251,9 @@ def service_text(
         settings = msgspec.json.encode(robot.base).decode()
         alone = ["-m", "firmware_bridge.ros2.guardian", "alone", settings]
     stop = [f"-{root / '.venv' / 'bin' / 'python'}", "-I", *alone]
+    start_line, stop_line = (
+        " ".join(_quoted(word).replace("$", "$$") for word in words) for words in (start, stop)
+    )
     return Template(_TEMPLATE.read_text()).substitute(
         robot=robot.id,
         fleet=fleet.path.stem.replace("%", "%%"),
@@ -260,8 +261,8 @@ def service_text(
         after=f"{after} {devices}".strip(),
         user=user,
         group=GROUP,
-        start=" ".join(_quoted(word).replace("$", "$$") for word in start),
-        stop=" ".join(_quoted(word).replace("$", "$$") for word in stop),
+        start=start_line,
+        stop=stop_line,
         camera="DeviceAllow=char-usb_device rw" if robot.range == OPENNI else "# No depth camera.",
         root=_quoted(str(root)),
     )

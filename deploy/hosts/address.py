@@ -41,8 +41,8 @@ def dask_address(address: str, option: str = "--on") -> str:
 
 
 def host_and_port(address: str) -> tuple[str, int]:
-    """Return host and port of a valid address."""
-    host, _, port = address.partition("://")[2].rpartition(":")
+    """Return host and port of a valid address, or endpoint such as tls/HOST:PORT."""
+    host, _, port = address.rpartition("/")[2].rpartition(":")
     return host.strip("[]"), int(port)
 
 

@@ -28,7 +28,6 @@ from actors.runtime.isolation.credentials import Credentials
 from actors.runtime.isolation.tls import Keys, laptop_config, listening_router_config, load_keys
 from actors.topic import Message
 from deploy.fleet import operator_station
-from deploy.fleet.operator_station import OrderResult
 from deploy.hosts import certificates
 from deploy.hosts.certificates import CLIENT, SERVER, CertifiedKey
 from tests.fleet.fleet_texts import ROOT
@@ -299,15 +298,15 @@ def test_all_robots_are_stopped_in_parallel_and_failures_are_named(robots: list[
     assert took < 2.5, "2 s, plus the start of threads on a loaded machine"
     assert got == heard == [Stop()] and theirs == []
     late = "no connection within 2 s"
-    assert answers == [
-        OrderResult(nobody, f"{late}: connection refused"),
-        OrderResult(dumb, f"{late}: no response within 1.5 s"),
-        OrderResult(
+    assert [*answers.items()] == [
+        (nobody, f"{late}: connection refused"),
+        (dumb, f"{late}: no response within 1.5 s"),
+        (
             foreign.endpoint,
             f"{late}: its certificate is rejected: unable to get local issuer certificate",
         ),
-        OrderResult(deaf.endpoint, "the order was sent, but not confirmed within 2 s"),
-        OrderResult(good.endpoint, None),
+        (deaf.endpoint, "the order was sent, but not confirmed within 2 s"),
+        (good.endpoint, None),
     ]
 
 
@@ -317,9 +316,11 @@ def test_a_rejected_laptop_certificate_is_reported_as_cause(
     mixed = robots[0].keys("operator", robots[0].stranger)
     shutil.copy(robots[0].own.authority, mixed.authority)
     with base(robots[0]) as got:
-        (answer,) = operator_station.send_order([robots[0].endpoint], mixed.authority.parent, Stop())
-    assert got == [] and answer.failure is not None
-    assert answer.failure.startswith("no connection within 2 s: it rejects this laptop's certificate: ")
+        (failure,) = operator_station.send_order(
+            [robots[0].endpoint], mixed.authority.parent, Stop()
+        ).values()
+    assert got == [] and failure is not None
+    assert failure.startswith("no connection within 2 s: it rejects this laptop's certificate: ")
 
 
 def test_the_command_prints_each_robots_result_and_exits_with_1_after_a_failure(
@@ -334,9 +335,9 @@ def test_the_command_prints_each_robots_result_and_exits_with_1_after_a_failure(
             with pytest.raises(OptionError, match=f"^ENDPOINT: {endpoint}; must be {right}"):
                 operator_station.send_order([robots[0].endpoint, endpoint], keys, Stop())
         for order in (Pause(), Resume()):
-            assert operator_station.send_order([robots[0].endpoint], keys, order) == [
-                OrderResult(robots[0].endpoint, None)
-            ]
+            assert operator_station.send_order([robots[0].endpoint], keys, order) == {
+                robots[0].endpoint: None
+            }
         assert got == [Pause(), Resume()]
         words = ("fleet", "stop", nobody, robots[0].endpoint, "--keys", str(keys))
         command = [sys.executable, "-m", "acrc_testbed.command_line", *words]  # it exits its process

@@ -17,7 +17,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from actors.instant import Instant
-from deploy.fleet.onboard_run import FallbackStop, SystemdNotifier, connect_stop
+from deploy.fleet.onboard_run import READY, RESET_WATCHDOG, FallbackStop, connect_stop, notify_systemd
 from firmware_bridge.device_lines import PseudoTerminal
 from firmware_bridge.kobuki import guardian, kobuki_motion
 from firmware_bridge.kobuki.emulated_kobuki import EmulatedKobuki
@@ -268,13 +268,13 @@ def test_systemd_is_notified(tmp_path: Path, abstract: bool) -> None:
     with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as systemd:
         systemd.bind(f"\0{name}" if abstract else name)
         systemd.settimeout(10)
-        notice = SystemdNotifier({"NOTIFY_SOCKET": f"@{name}" if abstract else name})
-        notice.notify_ready()
-        notice.reset_watchdog()
+        environment = {"NOTIFY_SOCKET": f"@{name}" if abstract else name}
+        notify_systemd(READY, environment)
+        notify_systemd(RESET_WATCHDOG, environment)
         assert [systemd.recv(100), systemd.recv(100)] == [b"READY=1", b"WATCHDOG=1"]
-    notice.reset_watchdog()  # no receiver
-    for environment in ({}, {"NOTIFY_SOCKET": "nonsense"}):
-        SystemdNotifier(environment).reset_watchdog()
+    notify_systemd(RESET_WATCHDOG, environment)  # no receiver
+    for without_effect in ({}, {"NOTIFY_SOCKET": "nonsense"}):
+        notify_systemd(RESET_WATCHDOG, without_effect)
 
 
 STOPPED = "base process suspended (SIGSTOP or a debugger): sending stop commands to the wheels"

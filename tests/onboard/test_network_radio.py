@@ -468,7 +468,7 @@ def test_two_robots_adapt_to_each_other_over_the_network(
     def without_port(plan: RunPlan, index: int, folder: Path, *, board: bool) -> OnboardRobot:
         robot = own_port(plan, index, folder, board=False)
         keys = str(networked.key_folder(robot.robot.id))
-        ports = robot.ports._replace(radio=str(networked.radio.network), radio_keys=keys)
+        ports = robot.ports._replace(radio=str(networked.radio.network), keys=keys)
         return replace(robot, ports=ports)
 
     monkeypatch.setattr(hardware_in_the_loop, "_onboard_robot", without_port)

@@ -34,7 +34,6 @@ from deploy.fleet import keys as fleet_keys
 from deploy.fleet import onboard_processes
 from deploy.fleet.onboard_processes import EpochCounter, OnboardRobot, Ports, onboard_robot_program
 from deploy.fleet.onboard_run import (
-    OnboardOptions,
     OnboardSupervisor,
     OperatorAccessCheck,
     _link_fault,
@@ -305,7 +304,7 @@ def test_a_given_pose_is_certain(at: str, start: tuple[float, float, float], tmp
     pose = tmp_path / "runs" / "r2.pose"
     pose.parent.mkdir()
     last_pose.write(pose, LastPose((2.0, 3.0, 0.0), (1.0, 0.5, 0.0)))
-    prepared = prepare(stands, "r2", OnboardOptions(tmp_path / "runs" / "one", at=at), lambda sentence: None)
+    prepared = prepare(stands, "r2", RunOptions(tmp_path / "runs" / "one"), lambda sentence: None, at=at)
     assert prepared.robot.start == start
     assert not pose.exists() and told(prepared, 0).doubt is None
     for wrong in ("here", "1,2", "1,2,3,4", "nan,0,0"):
@@ -370,7 +369,8 @@ def played(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> tuple[OnboardSupe
     monkeypatch.setattr(onboard_processes, "base_program", program(onboard_processes.BASE))
     monkeypatch.setattr(onboard_processes, "bridge_program", program(onboard_processes.BRIDGE))
     monkeypatch.setattr(onboard_processes, "onboard_robot_program", program("r1"))
-    one: OnboardRobot = type("One", (), {"robot": SimpleNamespace(id="r1"), "router": Path("router.json")})()
+    plan = SimpleNamespace(options=RunOptions(tmp_path))
+    one = SimpleNamespace(robot=SimpleNamespace(id="r1"), router=Path("router.json"), plan=plan)
     launcher = FakeLauncher()
     watch = OnboardSupervisor(one, launcher, launcher.said.append)  # type: ignore[arg-type]
     watch.start_robot()
