@@ -8,7 +8,6 @@ import tty
 from collections import Counter
 from collections.abc import Iterable, Sequence
 from contextlib import ExitStack, suppress
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Final, Generic, NamedTuple, Self, TypeVar
 
@@ -36,7 +35,7 @@ from firmware_bridge.beeclick.emulated_medium import DeviceMedium
 
 
 class PseudoTerminal:
-    """Device end of a serial line, with a symbolic link to the driver's end; a context manager.
+    """Device end of a serial line, with a symbolic link to the driver's end.
 
     The driver's end stays open, so drivers can reconnect. Unread bytes are lost and counted.
     """
@@ -86,12 +85,6 @@ class PseudoTerminal:
         os.close(self._device)
         os.close(self._driver)
 
-    def __enter__(self) -> "PseudoTerminal":
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.close()
-
 
 def _create_link(link: Path, port: str) -> None:
     if link.exists() and not link.is_symlink():
@@ -105,8 +98,7 @@ def _create_link(link: Path, port: str) -> None:
         ) from None
 
 
-@dataclass(frozen=True)
-class LineNoise:
+class LineNoise(NamedTuple):
     """Probabilities of errors per byte."""
 
     change: float = 0.0
@@ -118,21 +110,15 @@ class LineNoise:
 
     def apply(self, data: bytes, rng: np.random.Generator) -> bytes:
         """Return `data` with random errors."""
-        if not data or not (self.change or self.drop or self.insert):
+        if not data or self == NO_NOISE:
             return data
-        chances = rng.random(len(data))
+        limits = np.cumsum(self)
+        outcomes = np.searchsorted(limits, rng.random(len(data)), side="right")  # 3: unchanged
         noise = rng.integers(0, 256, len(data))
-        out = bytearray()
-        for byte, chance, other in zip(data, chances.tolist(), noise.tolist(), strict=True):
-            if chance < self.change:
-                out.append(other)
-            elif chance < self.change + self.drop:
-                continue
-            elif chance < self.change + self.drop + self.insert:
-                out += bytes((other, byte))
-            else:
-                out.append(byte)
-        return bytes(out)
+        pairs = np.column_stack((noise, np.frombuffer(data, np.uint8)))
+        chosen = np.column_stack((outcomes % 2 == 0, outcomes > 1))
+        noisy: bytes = pairs[chosen].astype(np.uint8).tobytes()
+        return noisy
 
 
 NO_NOISE = LineNoise()

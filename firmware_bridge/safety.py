@@ -16,6 +16,7 @@ A stop is immediate, without a ramp; afterwards the base accelerates from stands
 """
 
 import math
+from collections.abc import Mapping
 from enum import Enum
 from typing import Final, NamedTuple
 
@@ -112,7 +113,6 @@ class HoldCause(Enum):
 
 
 _BACKWARD_ONLY: Final = frozenset({HoldCause.BUMPER, HoldCause.CLIFF})
-_FORWARD_ONLY: Final = frozenset({HoldCause.BACKUP_LIMIT})
 
 
 class StopCause(NamedTuple):
@@ -198,8 +198,7 @@ class SafetyStop:
         stops = tuple(
             StopCause(cause, self._since[cause], causes[cause]) for cause in HoldCause if cause in causes
         )
-        standing = any(stop.cause not in _BACKWARD_ONLY | _FORWARD_ONLY for stop in stops)
-        if standing or self._command is None:
+        if causes.keys() - _BACKWARD_ONLY - {HoldCause.BACKUP_LIMIT} or self._command is None:
             self._ramp.set(now, 0.0, 0.0)
             return AllowedMotion(0.0, 0.0, stops)
         _, _, v, omega = self._command
@@ -207,8 +206,8 @@ class SafetyStop:
         v, omega = v / excess, omega / excess  # on the same arc
         if not stops:
             return AllowedMotion(*self._ramp.towards(now, v, omega), stops)
-        ramped = self._ramp.towards(now, *self._restrict(stops, v, omega))
-        v, omega = self._restrict(stops, *ramped)  # stop other motion immediately, without a ramp
+        ramped = self._ramp.towards(now, *self._restrict(causes, v, omega))
+        v, omega = self._restrict(causes, *ramped)  # stop other motion immediately, without a ramp
         self._ramp.set(now, v, omega)
         return AllowedMotion(v, omega, stops)
 
@@ -256,12 +255,11 @@ class SafetyStop:
         turning = rate is not None and abs(rate) > _STILL_RATE
         return max(abs(moved.left), abs(moved.right)) <= self._limits.still and not turning
 
-    def _restrict(self, stops: tuple[StopCause, ...], v: float, omega: float) -> tuple[float, float]:
+    def _restrict(self, causes: Mapping[HoldCause, int], v: float, omega: float) -> tuple[float, float]:
         """Return the nearest velocity in the directions that all causes permit."""
-        for cause, *_ in stops:
-            if cause in _FORWARD_ONLY:
-                v = max(v, 0.0)
-        if any(cause in _BACKWARD_ONLY for cause, *_ in stops):  # no wheel turns forward
+        if HoldCause.BACKUP_LIMIT in causes:
+            v = max(v, 0.0)
+        if _BACKWARD_ONLY & causes.keys():  # no wheel turns forward
             v = min(v, 0.0)
             bound = -v / (self._limits.track / 2 + _RADIUS_MARGIN)
             omega = max(-bound, min(bound, omega))

@@ -8,7 +8,7 @@ from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Final, NamedTuple, Self
+from typing import Any, Final, NamedTuple
 
 from actors.runtime.errors import AcrcError
 
@@ -70,7 +70,7 @@ RPLIDAR: Final = PortDevice("RPLIDAR", "/dev/rplidar", 115_200, CP2102, ("dtr",)
 
 
 class SerialPort:
-    """An open port (8 data bits, no parity, 1 stop bit) or other terminal; a context manager.
+    """An open port (8 data bits, no parity, 1 stop bit) or other terminal.
 
     Reads do not block: wait for `fileno()` to be readable.
     """
@@ -115,12 +115,6 @@ class SerialPort:
     def close(self) -> None:
         """Close the port."""
         self._port.close()
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.close()
 
     def _gone(self, error: Exception) -> PortError:
         return PortError(

@@ -56,7 +56,8 @@ class WheelOdometry:
         self._constant_feedbacks = 0
         self._uncounted_turn = 0.0
         """Turn of the wheels since the gyro's values last changed, rad."""
-        self._frozen = False
+        self.uses_wheel_heading = False
+        """True while the heading is computed from the wheels, without a working gyro."""
         self.heading = 0.0
         """Heading relative to the first feedback, unwrapped, rad."""
         self.counts = OdometryCounts()
@@ -71,14 +72,9 @@ class WheelOdometry:
         """True if the gyro's values stay constant while the wheels turn: one of them is faulty."""
         return self._constant_feedbacks >= _FROZEN_FEEDBACKS and abs(self._uncounted_turn) >= _FROZEN_TURN
 
-    @property
-    def uses_wheel_heading(self) -> bool:
-        """True while the heading is computed from the wheels, without a working gyro."""
-        return self._frozen
-
     def use_wheel_heading(self) -> None:
         """Use the heading of the wheels until the gyro's values change."""
-        self._frozen = True
+        self.uses_wheel_heading = True
 
     @property
     def is_moving(self) -> bool:
@@ -123,7 +119,7 @@ class WheelOdometry:
         self._reset_gyro_check()
 
     def _reset_gyro_check(self) -> None:
-        self._constant_feedbacks, self._uncounted_turn, self._frozen = 0, 0.0, False
+        self._constant_feedbacks, self._uncounted_turn, self.uses_wheel_heading = 0, 0.0, False
 
     def _is_plausible(self, motion: WheelMotion) -> bool:
         passed = in_seconds(motion.advance)
@@ -131,7 +127,7 @@ class WheelOdometry:
         return (
             0 < passed <= self.longest_gap
             and max(abs(motion.left), abs(motion.right)) <= self._limits.wheel_speed * time
-            and (self._frozen or abs(motion.turn or 0.0) <= _MAX_GYRO_RATE * time)
+            and (self.uses_wheel_heading or abs(motion.turn or 0.0) <= _MAX_GYRO_RATE * time)
         )
 
     def _add(self, motion: WheelMotion, frozen: bool) -> None:
@@ -149,13 +145,13 @@ class WheelOdometry:
         by_wheels = (motion.right - motion.left) / self._limits.track
         if motion.turn is None or not frozen:
             # a recovering gyro may jump by a turn that is already counted from the wheels
-            on_wheels = motion.turn is None or self._frozen
+            on_wheels = motion.turn is None or self.uses_wheel_heading
             self._reset_gyro_check()
             self.counts.wheel_headings += on_wheels
             return by_wheels if motion.turn is None or on_wheels else motion.turn
         self._constant_feedbacks += 1
         self._uncounted_turn += by_wheels
-        if not self._frozen:
+        if not self.uses_wheel_heading:
             return motion.turn
         self.counts.wheel_headings += 1
         turn_since, self._uncounted_turn = self._uncounted_turn, 0.0

@@ -35,7 +35,6 @@ from actors.settings import ParameterError, Settings
 from firmware_bridge.beeclick.board_messages import (
     CONFIRMATION_SIZE,
     CONFIRMATION_TYPE,
-    MAX_COMMAND_BYTES,
     SYNC_PATTERN,
     Answer,
     BoardInfo,
@@ -110,22 +109,6 @@ class BoardSettings(Settings, frozen=True):
             SetChannel(self.channel - FIRST_CHANNEL),
             SetPower(power_setting(self.power_dbm)),
         )
-
-
-class BeeClickParameters(Settings, frozen=True):
-    """Parameters of the link to a board that differ between lines."""
-
-    filler: Annotated[int, Meta(ge=1, le=10_000)] = MAX_COMMAND_BYTES
-    """Number of filler bytes before each SYNC. Default: enough to complete any unfinished command on the
-    board; 2.8 ms on the line."""
-    drop_bad_fcs: bool = True
-    """Drop and count packets with a wrong frame check sequence, which were damaged on the line. Default: by
-    the firmware's source, not tested with a board; if `bad_fcs` counts every packet of a real one, set it to
-    False."""
-
-
-DEFAULTS: Final = BeeClickParameters()
-"""Default parameters."""
 
 
 _LOOKBACK: Final = len(SYNC_PATTERN) - 1

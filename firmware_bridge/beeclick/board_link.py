@@ -13,22 +13,21 @@ answer of a busy board follows the others; lost bytes become visible.
 from collections import Counter, deque
 from dataclasses import dataclass
 from enum import Enum
-from typing import Final
+from typing import Final, NamedTuple
 
 from actors.instant import Duration, Instant, milliseconds, seconds
 from actors.messages import AccessFailure, FrameOverflow, FrameRefused, FrameSent, FrameUnconfirmed, LinkState
 from actors.radio.frame import size_fault
 from firmware_bridge.beeclick.answer_decoder import (
     COUNTER_NAMES,
-    DEFAULTS,
     AnswerReader,
-    BeeClickParameters,
     BoardEvent,
     BoardSettings,
     PacketOutcome,
     board_events,
 )
 from firmware_bridge.beeclick.board_messages import (
+    MAX_COMMAND_BYTES,
     PACKET_NUMBERS,
     Answer,
     NoiseError,
@@ -40,8 +39,9 @@ from firmware_bridge.beeclick.board_messages import (
     encode_command,
 )
 
-_FILLER: Final = b"\xff"
-"""Byte that is neither a command type nor 00, after which the board would miss the SYNC."""
+_FILLER: Final = b"\xff" * MAX_COMMAND_BYTES
+"""Bytes before each SYNC, neither a command type nor 00, after which the board would miss the SYNC: enough to
+complete any unfinished command on the board; 2.8 ms on the line."""
 _SPREAD: Final = 0x9E3779B1
 """2^32 divided by the golden ratio: odd, so that 2^32 packet numbers differ, and unlike typical data."""
 _MAX_IN_FLIGHT: Final = 4
@@ -94,8 +94,7 @@ class LinkPhase(Enum):
     READY = "ready"
 
 
-@dataclass(frozen=True)
-class _PendingCommand:
+class _PendingCommand(NamedTuple):
     """An unanswered command, with the expected answer."""
 
     answer: Answer | None
@@ -109,11 +108,17 @@ class _PendingCommand:
 class BoardLink:
     """Link to one board."""
 
-    def __init__(self, settings: BoardSettings, parameters: BeeClickParameters = DEFAULTS) -> None:
+    def __init__(self, settings: BoardSettings, drop_bad_fcs: bool = True) -> None:
+        """Create it, without a port.
+
+        `drop_bad_fcs`: drop and count packets with a wrong frame check sequence, which were damaged on the
+        line. Default: by the firmware's source, not tested with a board; if `bad_fcs` counts every packet of
+        a real one, set it to False.
+        """
         self.settings = settings
         self.phase = LinkPhase.OFF
         self.counters = Counter(dict.fromkeys(COUNTER_NAMES, 0))
-        self._p = parameters
+        self._drop_bad_fcs = drop_bad_fcs
         self._reader = AnswerReader()
         self._setup = settings.commands()
         self._pending: deque[_PendingCommand] = deque()
@@ -245,14 +250,13 @@ class BoardLink:
                 self._handle_answer(now, answer, index)
         else:
             self._pace.unsolicited += 1
-            self._events += board_events(now, answer, self.settings, self.counters, self._p.drop_bad_fcs)
+            self._events += board_events(now, answer, self.settings, self.counters, self._drop_bad_fcs)
 
     def _pending_index(self, answer: Answer) -> int | None:
         """Return the index of the pending command that it answers."""
+        number = answer.number if isinstance(answer, PacketConfirmation) else None
         for index, pending in enumerate(self._pending):
-            if pending.answer == answer:
-                return index
-            if isinstance(answer, PacketConfirmation) and answer.number == pending.number:
+            if pending.answer == answer or pending.number == number:
                 return index
         return None
 
@@ -364,7 +368,7 @@ class BoardLink:
         self._pace.last = now
         self._pace.syncs_unheard += 1
         self._pace.unanswered += 1
-        return _FILLER * self._p.filler + encode_command(SyncCommand())
+        return _FILLER + encode_command(SyncCommand())
 
     def _is_sync_pending(self) -> bool:
         return bool(self._pending) and self._pending[-1].answer == SyncAnswer()

@@ -288,10 +288,7 @@ def _decode_answer(body: bytes) -> Answer:
 
 
 def _checked_text(text: bytes) -> bytes:
-    try:
-        decoded = text.decode()
-    except UnicodeDecodeError:
-        raise NoiseError("bad_text") from None
+    decoded = text.decode(errors="surrogateescape")  # surrogates are not printable
     if not all(character.isprintable() or character in "\n\r\t" for character in decoded):
         raise NoiseError("bad_text")
     return text

@@ -355,8 +355,8 @@ class AnswerRing:
     """Ring of answers to the host, sent byte by byte at the baud rate."""
 
     def __init__(self, now: Instant) -> None:
-        self._slots = [b""] * SLOTS
-        self._read = self._write = self._at = 0
+        self._queue: deque[bytes] = deque()
+        """Unsent bytes of each answer."""
         self._burst_start: int = now
         """Start time of the current burst of bytes."""
         self._burst_bytes = 0
@@ -365,26 +365,24 @@ class AnswerRing:
     def put(self, now: Instant, answer: bytes) -> None:
         """Queue an answer. Raises CrashError if all slots are taken: the firmware hangs in its interrupt."""
         self.settle(now)
-        if self._read == self._write:
+        if not self._queue:
             self._burst_start = max(now, self._burst_start + byte_time(self._burst_bytes))
             self._burst_bytes = 0
-        self._slots[self._write] = answer
-        self._write = (self._write + 1) % SLOTS
-        if self._write == self._read:
+        self._queue.append(answer)
+        if len(self._queue) == SLOTS:
             raise CrashError
 
     def settle(self, now: Instant) -> None:
         """Send the bytes that are on the line by `now`."""
         through = bytes_in(now - self._burst_start) - self._burst_bytes
-        while through > 0 and self._read != self._write:
-            part = self._slots[self._read][self._at : self._at + through]
+        while through > 0 and self._queue:
+            answer = self._queue.popleft()
+            part, rest = answer[:through], answer[through:]
             self._sent_bytes += part
             through -= len(part)
             self._burst_bytes += len(part)
-            self._at += len(part)
-            if self._at == len(self._slots[self._read]):
-                self._at = 0
-                self._read = (self._read + 1) % SLOTS
+            if rest:
+                self._queue.appendleft(rest)
 
     def collect(self, now: Instant) -> bytes:
         """Return the bytes sent since the last call."""
@@ -394,7 +392,6 @@ class AnswerRing:
 
     def wake(self) -> Instant | None:
         """Return when the current answer has been sent; None: nothing to send."""
-        if self._read == self._write:
+        if not self._queue:
             return None
-        rest = len(self._slots[self._read]) - self._at
-        return Instant(self._burst_start + byte_time(self._burst_bytes + rest))
+        return Instant(self._burst_start + byte_time(self._burst_bytes + len(self._queue[0])))

@@ -6,6 +6,7 @@ immediate answers, a channel and a transmit power per board.
 
 from collections import Counter
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
 from typing import Final, Protocol
 
 import msgspec
@@ -62,14 +63,14 @@ class DeviceMedium(Protocol):
         """Drop all frames of the device."""
 
 
+@dataclass
 class _Channel:
     """Medium of one channel; devices on other channels are off in it."""
 
-    def __init__(self, robots: RobotMedium, preset_dbm: float, jams: Sequence[Jam]) -> None:
-        self.robots = robots
-        self.preset_dbm = preset_dbm
-        self.submitted: list[SubmittedFrame] = []
-        self.jams = list(jams)
+    robots: RobotMedium
+    preset_dbm: float
+    jams: list[Jam]
+    submitted: list[SubmittedFrame] = field(default_factory=list)
 
     @property
     def wake(self) -> Instant | None:
@@ -128,14 +129,14 @@ class EmulatedMedium:
 
     def transmit(self, device: RadioDevice, now: Instant, tag: int, data: bytes) -> None:
         """Send a frame of the device; its `finish_frame` is called with the outcome."""
-        number, channel = self._number(device), self._channel(device.channel)
+        number, channel = self.devices.index(device), self._channel(device.channel)
         power_dbm = channel.preset_dbm + (device.power_dbm - REFERENCE_DBM)
         channel.robots.medium.set_power(number, power_dbm)
         channel.submitted.append(SubmittedFrame(now, number, tag, data))
 
     def drop_frames(self, device: RadioDevice) -> None:
         """Drop all frames of a device that was reset, without calling `finish_frame`."""
-        number = self._number(device)
+        number = self.devices.index(device)
         self._epochs[number] += 1
         for channel in self._channels.values():
             channel.submitted = [frame for frame in channel.submitted if frame.transceiver != number]
@@ -184,11 +185,8 @@ class EmulatedMedium:
             model = self._model(FIRST_CHANNEL + code)
             keeps = self.keeps_outcomes
             robots = RobotMedium(self._addresses, model, self._seed, keeps_outcomes=keeps)
-            self._channels[code] = _Channel(robots, model.parameters.transceiver.tx_power_dbm, self._jams)
+            self._channels[code] = _Channel(robots, model.parameters.transceiver.tx_power_dbm, [*self._jams])
         return self._channels[code]
-
-    def _number(self, device: RadioDevice) -> int:
-        return next(number for number, one in enumerate(self.devices) if one is device)
 
     def _run(self, code: int, channel: _Channel, now: Instant) -> None:
         """Simulate a channel up to `now` and pass the events to the devices."""

@@ -22,7 +22,6 @@ from firmware_bridge.kobuki.kobuki_packets import (
     GeneralOutput,
     InertialSensorData,
     SoundSequence,
-    WireCounts,
     decode_feedback,
     encode_command,
     encode_frame,
@@ -92,6 +91,8 @@ class KobukiDriver:
 
     def __init__(self, started: Instant) -> None:
         self._reader = FrameReader(decode_feedback)
+        self.reception = self._reader.reception
+        """Counts of received frames and noise bytes."""
         self._safety = SafetyStop(started, KOBUKI_LIMITS)
         self._feedback_at: Instant = started
         self._sent_at: Instant = Instant(started - _MAX_CONTROL_INTERVAL)
@@ -145,11 +146,6 @@ class KobukiDriver:
         self._pressed_bits = self._fields["bumper"] if self.found else 0
         return bits
 
-    @property
-    def reception(self) -> WireCounts:
-        """Counts of received frames and noise bytes."""
-        return self._reader.reception
-
     # --- to the base ---
 
     def command(self, now: Instant, v: float, omega: float, issued: Instant | None = None) -> None:
@@ -194,7 +190,7 @@ class KobukiDriver:
     def _is_noisy(self, now: Instant) -> bool:
         """Return whether noise replaces feedback."""
         silent = now - self._feedback_at > KOBUKI_LIMITS.silence
-        return silent and self._reader.reception.skipped - self._skipped_before >= _NOISE_BYTES
+        return silent and self.reception.skipped - self._skipped_before >= _NOISE_BYTES
 
     def _feedback(self, feedback: BaseFeedback) -> None:
         now, basic, _ = feedback
@@ -202,7 +198,7 @@ class KobukiDriver:
             self.found, self._outputs_due = True, now
             self._changes.append(StateChange(now, "feedback", False, True))
         self._feedback_at, self._has_new_feedback = now, True
-        self._skipped_before = self._reader.reception.skipped
+        self._skipped_before = self.reception.skipped
         self._safety.sense(feedback)
         self.odometry.take(feedback)
         self._pressed_bits |= basic.bumper

@@ -28,7 +28,6 @@ from firmware_bridge.kobuki.kobuki_packets import (
     GeneralOutput,
     InertialSensorData,
     UnknownPacket,
-    WireCounts,
     decode_commands,
     encode_feedback,
     encode_frame,
@@ -66,8 +65,6 @@ NO_ERRORS: Final = KobukiErrors(
 )
 """No errors except the protocol's resolution."""
 _BYTE_US: Final = 10e6 / 115_200
-_CLIFF_VALUES: Final = struct.Struct("<HHH")
-_RAW_GYRO: Final = struct.Struct("<BB6h")
 
 
 @dataclass(frozen=True)
@@ -125,6 +122,8 @@ class EmulatedKobuki:
         self._generator = generator
         self._p = parameters
         self._reader = FrameReader(decode_commands)
+        self.reception = self._reader.reception
+        """Counts of received frames and noise bytes."""
         self._now = START
         self._feedbacks = 0
         self._pose = body.truth().pose
@@ -145,11 +144,6 @@ class EmulatedKobuki:
         """Last setting of digital outputs, power rails and LEDs."""
         self.commands: deque[tuple[Instant, Command]] = deque(maxlen=1024)
         """Last commands with their time of arrival."""
-
-    @property
-    def reception(self) -> WireCounts:
-        """Counts of received frames and noise bytes."""
-        return self._reader.reception
 
     def take(self, now: Instant, data: bytes) -> None:
         """Accept bytes from the driver whose last one arrives `now`."""
@@ -242,7 +236,7 @@ class EmulatedKobuki:
             basic,
             UnknownPacket(3, bytes(3)),
             inertial,
-            UnknownPacket(5, _CLIFF_VALUES.pack(*floor)),
+            UnknownPacket(5, struct.pack("<3H", *floor)),
             UnknownPacket(6, bytes(2)),
             raw,
             UnknownPacket(16, bytes(16)),
@@ -269,7 +263,7 @@ class EmulatedKobuki:
         else:
             self._frozen = None
         z = _to_int16(rate / 0.00875)
-        return inertial, UnknownPacket(13, _RAW_GYRO.pack(self._feedbacks & 0xFF, 6, 0, 0, z, 0, 0, z))
+        return inertial, UnknownPacket(13, struct.pack("<BB6h", self._feedbacks & 0xFF, 6, 0, 0, z, 0, 0, z))
 
     def _sent_bytes(self, now: Instant) -> bytes:
         """Return the bytes sent completely by `now`."""

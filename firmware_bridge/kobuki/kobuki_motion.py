@@ -61,10 +61,9 @@ def velocity(control: BaseControl) -> tuple[float, float]:
     return control.radius * omega / 1000, omega
 
 
-def ticks_between(before: BasicSensorData, after: BasicSensorData) -> tuple[int, int]:
-    """Return the encoder ticks of left and right wheel between two feedbacks; uint16, which wrap."""
-    left, right = after.left_ticks - before.left_ticks, after.right_ticks - before.right_ticks
-    return ((left + 0x8000) & 0xFFFF) - 0x8000, ((right + 0x8000) & 0xFFFF) - 0x8000
+def _distance(ticks: int) -> float:
+    """Return the distance of a wheel for a difference of encoder ticks, m; uint16, which wrap."""
+    return (((ticks + 0x8000) & 0xFFFF) - 0x8000) * METRES_PER_TICK
 
 
 def _to_int16(value: float) -> int:
@@ -99,8 +98,9 @@ class BaseFeedback(NamedTuple):
         if before.inertial is not None and self.inertial is not None:
             turn = wrap((self.inertial.angle_cdeg - before.inertial.angle_cdeg) * _CENTIDEGREE)
         advance = Duration(((self.basic.stamp_ms - before.basic.stamp_ms) & 0xFFFF) * 1000)
-        left, right = ticks_between(before.basic, self.basic)
-        return WheelMotion(advance, left * METRES_PER_TICK, right * METRES_PER_TICK, turn)
+        left = _distance(self.basic.left_ticks - before.basic.left_ticks)
+        right = _distance(self.basic.right_ticks - before.basic.right_ticks)
+        return WheelMotion(advance, left, right, turn)
 
 
 KOBUKI_LIMITS: Final = DriveLimits(

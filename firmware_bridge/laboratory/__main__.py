@@ -153,7 +153,6 @@ class RealTimeLoop:
             sys.stderr.write(
                 f"{(now - self._laboratory.now) // 1000} ms behind; {(now - latest) // 1000} ms skipped\n"
             )
-            sys.stderr.flush()
             now = Instant(latest)
         if self._duration is not None:
             now = min(now, Instant(self._duration))

@@ -2,7 +2,6 @@
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Final, NamedTuple
 
@@ -132,7 +131,7 @@ def load(path: Path) -> LaboratorySetup:
     return msgspec.structs.replace(setup, world=world, radio=radio)
 
 
-LIDAR: Final = EmulatedRplidarParameters(turns=5.5, samples=1980, noise=0.0025)
+LIDAR: Final = EmulatedRplidarParameters(samples=1980, noise=0.0025)
 """360 samples per turn, at whole degrees like the cast rays. Noise: own estimate, a quarter of the accuracy
 of 1 % of the distance in Slamtec's data sheet of the A1."""
 _RAYS: Final = 360
@@ -423,8 +422,7 @@ _LIDAR_FAULTS: Final[Mapping[str, tuple[str, object]]] = {
 _HEALTHY_LIDAR: Final = {"dark": False, "stuck": False, "health": Health(0), "silent": False}
 
 
-@dataclass(frozen=True)
-class FaultInjector:
+class FaultInjector(NamedTuple):
     """Executor of commands that inject and remove faults."""
 
     laboratory: Laboratory

@@ -11,12 +11,11 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 from socket import SOCK_STREAM
-from types import FrameType
 from typing import TYPE_CHECKING
 
 from actors.geometry import Pose
 from actors.instant import Instant, seconds
-from actors.robot_model import load_model
+from actors.robot_model import RangeSensor, load_model
 from actors.runtime.background import BackgroundLog, BackgroundRecorder, write_stderr
 from actors.runtime.errors import AcrcError
 from actors.runtime.isolation import credentials
@@ -55,21 +54,20 @@ def create_vehicle(setup: BaseSetup, clock: Clock, say: Say) -> "TurtleBot | Ros
 
         return create_ros2_robot(setup.base, model, clock.now, say)
     base = functools.partial(SerialPort, setup.base, KOBUKI)
-    driver, range_device = KobukiDriver(clock.now()), _create_ranger(setup, clock, say)
+    driver, range_device = KobukiDriver(clock.now()), _create_ranger(setup.range, model.sensor, clock, say)
     return TurtleBot(
         base, driver, range_device, GuardianLink(setup.base), say, model.sensor.mount, model.battery
     )
 
 
-def _create_ranger(setup: BaseSetup, clock: Clock, say: Say) -> RangeDevice | None:
-    if setup.range is None:
+def _create_ranger(port: str | None, sensor: RangeSensor, clock: Clock, say: Say) -> RangeDevice | None:
+    if port is None:
         return None
-    sensor = load_model(setup.model, setup.sensor).sensor
-    if setup.range == OPENNI:
+    if port == OPENNI:
         scanner = DepthScanner(sensor)
         return DepthCameraDevice(CameraFeed(OpenNICamera, clock.now, say), scanner, say)
     lidar = Rplidar(sensor, clock.now())
-    return LidarDevice(functools.partial(SerialPort, setup.range, RPLIDAR), lidar, say)
+    return LidarDevice(functools.partial(SerialPort, port, RPLIDAR), lidar, say)
 
 
 class Base:
@@ -85,18 +83,15 @@ class Base:
         start = Pose(*(setup.start if initial is None else initial.pose))
         self.core = BaseCore(setup.id, setup.step_us, now, start, len(setup.items), self._vehicle)
         self.core.answer_timeout = None if setup.patience_s is None else seconds(setup.patience_s)
-        self._stopped = False
 
     def drive(self, shell: Shell, bus: SelectableBus) -> None:
         """Run until stopped; the vehicle stands when this returns or raises."""
         core = self.core
-        previous_handler = signal.signal(signal.SIGTERM, self._stop)
+        previous_handler = signal.signal(signal.SIGTERM, lambda *_: core.stop())
         try:
-            run_event_loop(
-                shell, bus, core, self, self._clock, lambda: self._stopped or core.now >= core.wake
-            )
-        except AcrcError as error:
-            if self._pose_writer is not None and isinstance(error, MotionUnknownError):
+            run_event_loop(shell, bus, core, self, self._clock)
+        except MotionUnknownError:
+            if self._pose_writer is not None:
                 self._vehicle.close()
                 self._pose_writer.add_spread(FEEDBACK_LOSS_SPREAD)
             raise
@@ -117,11 +112,6 @@ class Base:
         self._vehicle.check_odometry()
         if self._pose_writer is not None and self.core.last_estimate is not None:
             self._pose_writer.store(now, *self.core.last_estimate)
-        if self._stopped:
-            self.core.stop()
-
-    def _stop(self, _number: int, _frame: FrameType | None) -> None:
-        self._stopped = True
 
 
 def check_endpoint(listen: str | None, key: str = "listen") -> None:

@@ -138,6 +138,11 @@ class BaseCore(TimedCore):
         """Time of the next advance without a message."""
         return min(self.next_tick, self._bridge_due) if self._opening is not None else self.next_tick
 
+    @property
+    def has_news(self) -> bool:
+        """True if a step or the end is due."""
+        return self._stopping or self.now >= self.wake
+
     def listens(self) -> Sequence[Address]:
         """Return the addresses of incoming messages."""
         robot = self._robot
@@ -148,8 +153,7 @@ class BaseCore(TimedCore):
         self._expected = None
         if not inputs:
             return self._on_time()
-        (key,) = inputs
-        message = inputs[key]
+        (message,) = inputs.values()
         match message:
             case Drive():
                 return self._on_drive(message)

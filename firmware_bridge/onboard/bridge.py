@@ -25,15 +25,11 @@ from actors.messages import (
     RECEIVED,
     TRANSMIT,
     TRUTH,
-    AccessFailure,
     Board,
     BoardNote,
     EventCount,
     FrameOverflow,
     FrameReceived,
-    FrameRefused,
-    FrameSent,
-    FrameUnconfirmed,
     RadioAdvanced,
     RadioEvent,
     RadioEvents,
@@ -179,17 +175,14 @@ class BridgeCore(TimedCore):
 
     def _take_events(self, events: Sequence[BoardEvent]) -> None:
         for event in events:
-            match event:
-                case FrameReceived():
-                    self._add_event(event)
-                case FrameSent() | AccessFailure() | FrameOverflow() | FrameRefused() | FrameUnconfirmed():
-                    tag = self._tags.pop(event.tag, None)
-                    if tag is None:  # a frame of the epoch before
-                        self.forgotten_events += 1
-                    else:
-                        self._add_event(msgspec.structs.replace(event, tag=tag))
-                case _:
-                    self._notes.append(event)
+            if isinstance(event, BoardNote):
+                self._notes.append(event)
+            elif isinstance(event, FrameReceived):
+                self._add_event(event)
+            elif (tag := self._tags.pop(event.tag, None)) is None:  # a frame of the epoch before
+                self.forgotten_events += 1
+            else:
+                self._add_event(msgspec.structs.replace(event, tag=tag))
 
     def _add_event(self, event: RadioEvent) -> None:
         if len(self._events) >= MAX_EVENTS:
@@ -242,7 +235,7 @@ class Bridge:
         """Run until the base ends the run."""
         core = self.core
         try:
-            run_event_loop(shell, bus, core, self, self._clock, lambda: core.has_news)
+            run_event_loop(shell, bus, core, self, self._clock)
         finally:
             self._line.close()
             self._stack.close()

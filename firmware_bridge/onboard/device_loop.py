@@ -105,6 +105,11 @@ class TimedCore(ABC):
     def wake(self) -> Instant | None:
         """Time of the next action without a message; None: none."""
 
+    @property
+    def has_news(self) -> bool:
+        """True if an advance without a message is due."""
+        return False
+
     @abstractmethod
     def listens(self) -> Sequence[Address]:
         """Return the addresses of incoming messages."""
@@ -134,12 +139,8 @@ def run_event_loop(
     core: TimedCore,
     devices: ServedDevices,
     clock: Clock,
-    timely: Callable[[], bool],
 ) -> None:
-    """Run the event loop until the core has finished.
-
-    `timely`: returns whether an advance without a message is due.
-    """
+    """Run the event loop until the core has finished."""
     while not core.finished:
         wake = core.wake
         wait = LONGEST_WAIT if wake is None else min(LONGEST_WAIT, (wake - clock.now()) / 1e6)
@@ -152,7 +153,7 @@ def run_event_loop(
             shell.deliver(delivery)
             shell.pump()
         core.now = clock.now()
-        if not core.finished and timely():
+        if not core.finished and core.has_news:
             shell.pump()
 
 

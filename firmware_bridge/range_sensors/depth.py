@@ -10,6 +10,7 @@ import hashlib
 import math
 import threading
 from collections.abc import Callable
+from contextlib import closing
 from ctypes import byref, c_int, c_void_p
 from typing import Any, Final, NamedTuple, Protocol
 
@@ -148,15 +149,12 @@ class CameraFeed:
                 self._ended.wait(_RETRY_S)
 
     def _follow(self) -> None:
-        camera = self._open()
-        try:
+        with closing(self._open()) as camera:
             while not self._ended.is_set():
                 depth = camera.read(_PATIENCE_S)
                 if depth is not None:
                     self._say("")
                     self._newest = Image(self._clock(), depth)
-        finally:
-            camera.close()
 
 
 _API_VERSION: Final = 2002
@@ -212,7 +210,7 @@ def find_library() -> Any:
 
 
 class OpenNICamera:
-    """The first depth camera found by OpenNI2; a context manager."""
+    """The first depth camera found by OpenNI2."""
 
     def __init__(self, width: int = 640, height: int = 480, rate: int = 30, library: Any = None) -> None:
         """Open the camera; `library`: OpenNI2, None: load it. Raises CameraError."""
@@ -254,12 +252,6 @@ class OpenNICamera:
             self._library.oniDeviceClose(self._device)
             self._device = c_void_p()
         self._library.oniShutdown()
-
-    def __enter__(self) -> "OpenNICamera":
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.close()
 
     def _open(self, mode: _VideoMode) -> None:
         library = self._library

@@ -9,7 +9,7 @@ import math
 import struct
 from dataclasses import dataclass
 from enum import Enum, IntEnum
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 
@@ -41,30 +41,17 @@ class LidarRequest(IntEnum):
         return bytes((REQUEST, self))
 
 
-@dataclass(frozen=True)
-class Descriptor:
-    """Header of an answer."""
-
-    length: int
-    """Size of the answer, or of each sample, bytes."""
-    many: bool
-    """True for a continuous sequence, until stopped."""
-    kind: int
-
-    def encode(self) -> bytes:
-        """Encode as `A5 5A`, length in 30 bits, mode in 2, kind."""
-        return b"\xa5\x5a" + struct.pack("<IB", self.length | self.many << 30, self.kind)
-
-
-DESCRIPTOR_SIZE: Final = 7
 SAMPLE_SIZE: Final = 5
-SCANNING: Final = Descriptor(SAMPLE_SIZE, True, 0x81)
-HEALTH: Final = Descriptor(3, False, 0x06)
+_HEALTH_SIZE: Final = 3
+SCANNING: Final = b"\xa5\x5a\x05\x00\x00\x40\x81"
+"""Descriptor of samples: `A5 5A`, their size in 30 bits, 1 (continuous) in 2, and their kind."""
+HEALTH: Final = b"\xa5\x5a\x03\x00\x00\x00\x06"
+"""Descriptor of a health answer."""
+DESCRIPTOR_SIZE: Final = len(HEALTH)
 FULL_TURN_Q6: Final = 360 * 64
 
 
-@dataclass(frozen=True)
-class Health:
+class Health(NamedTuple):
     """Health of the lidar."""
 
     status: int
@@ -73,7 +60,7 @@ class Health:
 
     def encode(self) -> bytes:
         """Encode in 3 bytes."""
-        return struct.pack("<BH", self.status, self.code)
+        return struct.pack("<BH", *self)
 
     @classmethod
     def decode(cls, data: bytes) -> "Health":
@@ -81,8 +68,7 @@ class Health:
         return cls(*struct.unpack("<BH", data))
 
 
-@dataclass(frozen=True)
-class Sample:
+class Sample(NamedTuple):
     """One measurement."""
 
     start: bool
@@ -301,15 +287,15 @@ class Rplidar(RangeReader):
             self._sector = []
             self._repeats.forget()
 
-    def _described(self, wanted: Descriptor) -> bool:
+    def _described(self, wanted: bytes) -> bool:
         """Return whether the descriptor was received; discard bytes before it."""
-        at = self._pending.find(wanted.encode())
+        at = self._pending.find(wanted)
         del self._pending[: at if at >= 0 else max(0, len(self._pending) - DESCRIPTOR_SIZE + 1)]
         return at >= 0
 
     def _health_answered(self, now: Instant) -> None:
         """Process the health answer once it is complete."""
-        end = DESCRIPTOR_SIZE + HEALTH.length
+        end = DESCRIPTOR_SIZE + _HEALTH_SIZE
         if self._described(HEALTH) and len(self._pending) >= end:
             self._alive = now
             self.health = Health.decode(bytes(self._pending[DESCRIPTOR_SIZE:end]))

@@ -96,11 +96,11 @@ class EmulatedRplidar:
             self._scanning = False
             self._out += b"RP LIDAR System.\r\n"
         elif request == LidarRequest.HEALTH:
-            self._out += HEALTH.encode() + self.health.encode()
+            self._out += HEALTH + self.health.encode()
         elif request == LidarRequest.SCAN and self.health.status != 2:
             self._scanning = True
             self._last_turn = int(self._sampled / self._p.samples * self._p.turns)
-            self._out += SCANNING.encode()
+            self._out += SCANNING
 
     def _until(self, now: Instant) -> int:
         return int(in_seconds(now) * self._p.samples)

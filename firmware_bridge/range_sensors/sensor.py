@@ -141,9 +141,7 @@ class RepetitionDetector:
 
     def __init__(self, stored: int, window: int, maximum: int) -> None:
         """Store up to `stored` parts; `maximum` repetitions in the last `window` parts are a fault."""
-        self._stored = stored
-        self._known: dict[bytes, None] = {}
-        """Stored parts, oldest first."""
+        self._known: deque[bytes] = deque(maxlen=stored)
         self._repeated: deque[bool] = deque(maxlen=window)
         self._most = maximum
 
@@ -157,9 +155,7 @@ class RepetitionDetector:
         is_repeated = part in self._known
         self._repeated.append(is_repeated)
         if not is_repeated:
-            self._known[part] = None
-        if len(self._known) > self._stored:
-            del self._known[next(iter(self._known))]
+            self._known.append(part)
 
     def forget(self) -> None:
         """Discard all parts."""

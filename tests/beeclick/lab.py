@@ -12,7 +12,7 @@ from actors.messages import LinkState
 from actors.radio.radio_model import RadioSetup
 from actors.world.physics import SUBSTEP
 from firmware_bridge.beeclick import board_messages
-from firmware_bridge.beeclick.answer_decoder import DEFAULTS, BeeClickParameters, BoardEvent, BoardSettings
+from firmware_bridge.beeclick.answer_decoder import BoardEvent, BoardSettings
 from firmware_bridge.beeclick.board_link import BoardLink, LinkPhase
 from firmware_bridge.beeclick.board_messages import (
     SYNC_PATTERN,
@@ -29,7 +29,7 @@ from firmware_bridge.beeclick.emulated_board import EmulatedBoard
 from firmware_bridge.beeclick.emulated_medium import BodyState, EmulatedMedium, RadioDevice, create_medium
 from firmware_bridge.device_lines import NO_NOISE, LineNoise, TransceiverLink
 
-SYNC = b"\xff" * DEFAULTS.filler + SYNC_PATTERN
+SYNC = b"\xff" * board_messages.MAX_COMMAND_BYTES + SYNC_PATTERN
 ECHOES = (SetAddress(0xBABA, 0x0103), SetChannel(15), SetPower(-100))
 
 
@@ -52,9 +52,9 @@ def command_size(data: bytes) -> int:
 class Host:
     """A link in virtual time, with methods for both sides."""
 
-    def __init__(self, parameters: BeeClickParameters = DEFAULTS) -> None:
+    def __init__(self, drop_bad_fcs: bool = True) -> None:
         self.now = Instant(0)
-        self.link = BoardLink(BoardSettings(0x0103), parameters)
+        self.link = BoardLink(BoardSettings(0x0103), drop_bad_fcs)
         self.link.connect(self.now)
 
     def hear(self, *parts: Answer | bytes, after: int = 0) -> list[BoardEvent]:

@@ -3,6 +3,7 @@
 import os
 import pty
 import tty
+from contextlib import closing
 from dataclasses import replace
 from functools import reduce
 from operator import xor
@@ -394,7 +395,7 @@ def test_writes_do_not_block_and_lose_no_bytes_until_the_port_is_unplugged() -> 
     tty.setraw(host)
     path, data = os.ttyname(host), os.urandom(200_000)
     os.close(host)
-    with BoardPort(path) as port:
+    with closing(BoardPort(path)) as port:
         assert port.read() == b""
         os.write(board, bytes(range(256)))
         assert port.read() == bytes(range(256))

@@ -27,7 +27,7 @@ from actors.messages import (
 from actors.radio.frame import DataFrame, octets
 from actors.radio.medium import Medium, SaturatedTraffic
 from actors.radio.radio_model import RadioSetup, radio_model
-from firmware_bridge.beeclick.answer_decoder import BeeClickParameters, BoardEvent, BoardSettings
+from firmware_bridge.beeclick.answer_decoder import BoardEvent, BoardSettings
 from firmware_bridge.beeclick.board_link import BoardLink, LinkPhase
 from firmware_bridge.beeclick.board_messages import (
     SYNC_PATTERN,
@@ -235,7 +235,7 @@ def test_packets_with_signal_strength_and_info_are_passed_on() -> None:
     assert host.hear(BoardInfo(text.encode())) == [BoardText(host.now, text)]
     damaged = ReceivedPacket(0xBABA, 7, 138, 200, packet(b"hello").fcs, b"hellp")
     for drop in (False, True):
-        host = Host(BeeClickParameters(drop_bad_fcs=drop)).get_ready()
+        host = Host(drop).get_ready()
         assert len(host.hear(damaged)) == (not drop)
         assert host.link.counters["bad_fcs"] == 1
 

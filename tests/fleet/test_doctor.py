@@ -2,6 +2,7 @@
 
 import re
 import subprocess
+from contextlib import closing
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
@@ -266,7 +267,7 @@ def test_ports_are_opened_and_processes_that_hold_them_are_found(tmp_path: Path)
     link = tmp_path / "kobuki"
     here = fleet(robot(1, f'base = "{link}"')).robot_named("r1")
     assert next(doctor.check_devices(here)).text.startswith(f"{link}: no such port")
-    with PseudoTerminal(link) as terminal:
+    with closing(PseudoTerminal(link)) as terminal:
         assert next(doctor.check_devices(here)) == passed("base", f"{link} opens")
         assert doctor.processes_using(str(link)) == []
         script = f"exec 3<>{terminal.port}; echo open; read line"

@@ -6,6 +6,7 @@ import os
 import re
 import sys
 import time
+from contextlib import closing
 from pathlib import Path
 from typing import Any
 
@@ -422,7 +423,7 @@ def test_bytes_are_exchanged_until_the_cable_is_unplugged(
 
     link = tmp_path / "kobuki"
     link.symlink_to("/nowhere")  # left behind by a process that was killed
-    with PseudoTerminal(link) as line, SerialPort(str(link), KOBUKI) as port:
+    with closing(PseudoTerminal(link)) as line, closing(SerialPort(str(link), KOBUKI)) as port:
         line.write(b"\x00\x11\x13\n\r\xaa")
         with pytest.raises(PortError, match="in use by another program"):
             SerialPort(str(link), KOBUKI)

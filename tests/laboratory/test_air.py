@@ -73,7 +73,7 @@ class WatchedAir:
         self.handed: dict[tuple[int, int], list[OutgoingFrame]] = {}
 
     def transmit(self, device: RadioDevice, now: Instant, tag: int, data: bytes) -> None:
-        number = self._inner._number(device)
+        number = self._inner.devices.index(device)
         self.handed.setdefault((now // STEP, number), []).append(OutgoingFrame(tag, now, data))
         self._inner.transmit(device, now, tag, data)
 

@@ -7,7 +7,6 @@ instead of the robot program.
 import math
 from collections import deque
 from collections.abc import Callable, Sequence
-from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
 
@@ -82,15 +81,15 @@ class FaultyRplidar(EmulatedRplidar):
         if fault.late_s:
             back = min(len(said), round(fault.late_s * LIDAR.samples) + 1)
             start = back < len(said) and said[-back].angle_q6 < said[-back - 1].angle_q6
-            sample = replace(said[-back], start=start)
+            sample = said[-back]._replace(start=start)
         elif self._repeated and self._repeats(number, sample):
             at = (number - self._since) % len(self._repeated)
             sample = self._repeated[at]
-            sample = replace(sample, start=sample.angle_q6 < self._repeated[at - 1].angle_q6)
+            sample = sample._replace(start=sample.angle_q6 < self._repeated[at - 1].angle_q6)
             if fault.noisy:
                 noise = 1 + LIDAR.noise * normals(self._noise, 1)[0]
                 distance = max(0, round(sample.distance_q2 * noise))
-                sample = replace(sample, distance_q2=distance, quality=15 if distance else 0)
+                sample = sample._replace(distance_q2=distance, quality=15 if distance else 0)
         super().send(number, sample)
 
     def _repeats(self, number: int, sample: Sample) -> bool:

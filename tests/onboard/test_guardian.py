@@ -8,6 +8,7 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
+from contextlib import closing
 from pathlib import Path
 from typing import Self
 
@@ -207,7 +208,7 @@ def test_the_guardian_ignores_signals_and_stops_the_base_on_a_reopened_port(
 
 
 def test_alone_it_opens_the_port_and_sends_stop_until_standstill(line: KobukiLine) -> None:
-    with SerialPort(str(line.link), KOBUKI) as port:
+    with closing(SerialPort(str(line.link), KOBUKI)) as port:
         port.write(DRIVE)
         while not line.speed:
             time.sleep(0.005)

@@ -3,6 +3,7 @@
 import ctypes
 import threading
 import time
+from contextlib import closing
 from typing import Any
 
 import numpy as np
@@ -237,7 +238,7 @@ def test_errors_without_library_or_camera_name_the_packages(monkeypatch: pytest.
 
 def test_images_are_read_unmirrored_without_padding_and_short_ones_refused() -> None:
     library = FakeOpenNI()
-    with OpenNICamera(4, 2, 30, library=library) as camera:
+    with closing(OpenNICamera(4, 2, 30, library=library)) as camera:
         image = camera.read(0.1)
         library.waiting = 102
         assert camera.read(0.1) is None

@@ -41,8 +41,8 @@ def room(angles: NDArray[np.float64]) -> NDArray[np.float64]:
 def test_bytes() -> None:
     assert LidarRequest.SCAN.bytes == bytes.fromhex("a5 20")
     assert LidarRequest.STOP.bytes == bytes.fromhex("a5 25")
-    assert SCANNING.encode() == bytes.fromhex("a5 5a 05 00 00 40 81")
-    assert HEALTH.encode() == bytes.fromhex("a5 5a 03 00 00 00 06")
+    assert bytes.fromhex("a5 5a 05 00 00 40 81") == SCANNING
+    assert bytes.fromhex("a5 5a 03 00 00 00 06") == HEALTH
     # 90 degrees = 5760/64: 5760 * 2 + 1 = 2d01; 1 m = 4000/4 mm = 0fa0; quality 15, turn's start: 3c | 1
     assert Sample(True, 15, 5760, 4000).encode() == bytes.fromhex("3d 01 2d a0 0f")
     assert Sample(False, 15, 5760, 4000).encode() == bytes.fromhex("3e 01 2d a0 0f")
