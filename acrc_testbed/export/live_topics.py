@@ -11,10 +11,10 @@ import time
 from argparse import ArgumentParser
 from collections import Counter, deque
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from itertools import chain
 from pathlib import Path
 from typing import Any, Final, NamedTuple
 
-from acrc_testbed.export import ros2_log
 from acrc_testbed.export.log_export import robot_models
 from acrc_testbed.export.robot_entries import RunEntries
 from acrc_testbed.export.ros2_log import (
@@ -22,13 +22,14 @@ from acrc_testbed.export.ros2_log import (
     ROBOT_TYPES,
     SHARED_TYPES,
     LogEntry,
+    clock_entries,
     robot_topic,
     topic_qos,
     topic_type,
 )
 from acrc_testbed.recordings.run_recordings import recordings
 from acrc_testbed.recordings.topics import is_closed
-from acrc_testbed.run_model.data import RunData
+from acrc_testbed.run_model.data import RunData, RunDescription
 from acrc_testbed.run_model.onboard_runs import OnboardReader
 from acrc_testbed.run_model.simulated_runs import RunReader
 from actors.instant import Instant
@@ -49,7 +50,6 @@ _DEPTH: Final = 20
 """Queued messages per topic and robot: those of 2 s at ten steps per second."""
 _DRAIN_S: Final = 2.0
 """Time for the last messages to be sent, s."""
-Say = Callable[[str], None]
 
 
 class QueuedMessage(NamedTuple):
@@ -98,23 +98,17 @@ class TopicQueues:
 class LiveTopics:
     """Publishers of a run's topics; a reader that is slow delays neither the run nor its recordings."""
 
-    def __init__(
-        self, robots: Sequence[str], publish: Callable[[str, str], TopicPublisher], *, has_clock: bool
-    ) -> None:
-        """`publish`: returns the publisher of a topic and message type; `has_clock`: publish `/clock`."""
-        shared = [*SHARED_TYPES, *([CLOCK] if has_clock else [])]
-        own = [robot_topic(robot, name) for robot in robots for name in ROBOT_TYPES]
-        self._publishers = {topic: publish(topic, topic_type(topic)) for topic in (*shared, *own)}
+    def __init__(self, run: RunDescription, publish: Callable[[str, str], TopicPublisher]) -> None:
+        """`publish`: returns the publisher of a topic and message type; `/clock` needs ground truth."""
+        shared = [*SHARED_TYPES, *([CLOCK] if run.has_truth else [])]
+        depths = dict.fromkeys(shared, _DEPTH * (len(run.robots) + 1))
+        depths |= {robot_topic(robot, name): _DEPTH for robot in run.robots for name in ROBOT_TYPES}
+        self._publishers = {topic: publish(topic, topic_type(topic)) for topic in depths}
         self.queues = TopicQueues(
-            {topic: 1 if topic_qos(topic).transient_local else _DEPTH for topic in own}
-            | {
-                topic: 1 if topic_qos(topic).transient_local else _DEPTH * (len(robots) + 1)
-                for topic in shared
-            }
+            {topic: 1 if topic_qos(topic).transient_local else depth for topic, depth in depths.items()}
         )
         self.published = self.skipped = 0
         """Number of queued messages, and of those replaced by newer ones of the same part."""
-        self._has_clock = has_clock
         self._notes: dict[str, None] = {}
         self._entries: RunEntries | None = None
         self._sender = threading.Thread(target=self._send, daemon=True)
@@ -126,12 +120,11 @@ class LiveTopics:
         Raises RecordingError.
         """
         if self._entries is None:
-            models = robot_models(run, recordings(run.out))
-            self._entries = RunEntries(run.description, models)
+            self._entries = RunEntries(run.description, robot_models(run, recordings(run.out)))
         self._notes |= dict.fromkeys(run.notes)
         entries: Iterable[LogEntry] = self._entries.take(run, run.senses)
-        if self._has_clock:
-            entries = [*entries, *_clock_entries(run)]
+        if run.description.has_truth:
+            entries = chain(entries, clock_entries(run.seconds))
         if run.end - run.since > _WHOLE_S:
             entries = self._newest(entries)
         for one in entries:
@@ -170,13 +163,6 @@ class LiveTopics:
                 self._publishers[topic].put(payload, time.time_ns())  # waits for slow readers
 
 
-def _clock_entries(run: RunData) -> Iterator[LogEntry]:
-    """Yield the start of each step."""
-    for second in run.seconds.tolist():
-        at = round(second * 1e6)
-        yield LogEntry(at, CLOCK, ros2_log.clock(at), at)
-
-
 def follow_run(reader: RunReader, topics: LiveTopics, has_ended: Callable[[], bool]) -> None:
     """Publish a growing run until it ends. Raises RecordingError or RunDataError for damaged recordings."""
     while not has_ended():
@@ -189,7 +175,7 @@ def follow_run(reader: RunReader, topics: LiveTopics, has_ended: Callable[[], bo
         topics.add(run)
 
 
-def publish_run(out: Path, link: RouterLink, robot: str, say: Say) -> None:
+def publish_run(out: Path, link: RouterLink, robot: str) -> None:
     """Publish a simulated run until it ends, or that of a `robot` on board until this process is terminated.
 
     Raises AcrcError for a missing or damaged run, or if there is no connection until its end.
@@ -207,22 +193,14 @@ def publish_run(out: Path, link: RouterLink, robot: str, say: Say) -> None:
             time.sleep(_POLL_S)
         with OnboardReader(out, robot) if robot else RunReader(out, internals=True, senses=True) as reader:
             topics = LiveTopics(
-                reader.robots,
+                reader.description,
                 lambda topic, kind: session.publisher(topic, kind, topic_qos(topic), blocks=True),
-                has_clock=not robot,
             )
             try:
                 follow_run(reader, topics, has_ended)
             finally:
                 topics.close()
-                for sentence in topics.report():
-                    say(sentence)
-
-
-def print_now(sentence: str) -> None:
-    """Write a sentence to standard output and flush it."""
-    sys.stdout.write(f"{sentence}\n")
-    sys.stdout.flush()
+                sys.stderr.writelines(f"{sentence}\n" for sentence in topics.report())
 
 
 def main(argv: Sequence[str]) -> int:
@@ -236,12 +214,11 @@ def main(argv: Sequence[str]) -> int:
     options = parser.parse_args(argv)
     die_with_parent(os.getppid())
     os.nice(_NICE)
-
     try:
         link = RouterLink(router=options.router, domain=options.domain)
-        publish_run(options.out, link, options.robot, print_now)
+        publish_run(options.out, link, options.robot)
     except AcrcError as error:
-        print_now(str(error))
+        sys.stderr.write(f"{error}\n")
         return 2
     return 0
 

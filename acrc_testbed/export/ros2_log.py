@@ -6,7 +6,7 @@ entries give equal bytes.
 """
 
 from collections import Counter
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Any, Final, NamedTuple
 
@@ -15,7 +15,6 @@ from mcap.writer import CompressionType, Writer
 from numpy.typing import NDArray
 
 from actors.array_types import Floats, Singles
-from actors.geometry import Pose
 from actors.observer.glyphs import Colour
 from actors.portable import cos_sin
 from actors.robot_model import RangeSensor
@@ -24,6 +23,10 @@ from firmware_bridge.ros2.names import LATCHED_QOS, QosProfile
 
 Points = Singles
 """(n, 2): x and y, m."""
+PlanarPose = Sequence[float] | Floats
+"""x, y, m, and heading, rad: a `Pose`, or a row of an array."""
+NewMessage = Callable[[Any, int], Any]
+"""Returns the message of a value with a stamp, µs."""
 MAP: Final = "map"
 """Frame of the floor plan."""
 UNKNOWN_CELL: Final = -1
@@ -52,7 +55,7 @@ ROBOT_TYPES: Final = {
 }
 """Message type of each topic of a robot, by `robot_topic`."""
 CLOCK: Final = "/clock"
-CLOCK_TYPE: Final = "rosgraph_msgs/msg/Clock"
+_GLOBAL_TYPES: Final = SHARED_TYPES | {CLOCK: "rosgraph_msgs/msg/Clock"}
 _LATCHED: Final = frozenset({"tf_static", "map", "items", "robots", "things", "destination"})
 """Last parts of topics with durability transient local."""
 _INFINITE: Final = "{sec: 9223372036, nsec: 854775807}"
@@ -94,6 +97,25 @@ class LogEntry(NamedTuple):
         return encode(self.message, topic_type(self.topic))
 
 
+def ascending_instants(seconds: Sequence[float] | Floats) -> list[int]:
+    """Return instants of the run in µs, in ascending order."""
+    found: list[float] = (np.maximum.accumulate(np.asarray(seconds, np.float64)) * 1e6).tolist()
+    return [round(one) for one in found]
+
+
+def log_entries(
+    topic: str, seconds: Sequence[float] | Floats, values: Iterable[Any], message: NewMessage
+) -> Iterator[LogEntry]:
+    """Yield the message of each value at its time, s; stamps ascend."""
+    for at, value in zip(ascending_instants(seconds), values, strict=True):
+        yield LogEntry(at, topic, message(value, at), at)
+
+
+def clock_entries(seconds: Floats) -> Iterator[LogEntry]:
+    """Yield the starts of steps as Clock messages."""
+    return log_entries(CLOCK, seconds, seconds, lambda _, at: new("rosgraph_msgs/Clock", clock=_time(at)))
+
+
 def robot_topic(robot: str, name: str) -> str:
     """Return a topic of ROBOT_TYPES. The namespace differs from those of physical robots' own topics.
 
@@ -104,9 +126,7 @@ def robot_topic(robot: str, name: str) -> str:
 
 def topic_type(topic: str) -> str:
     """Return the message type of a topic."""
-    if topic == CLOCK:
-        return CLOCK_TYPE
-    return SHARED_TYPES.get(topic) or ROBOT_TYPES[topic.split("/", 3)[3]]
+    return _GLOBAL_TYPES.get(topic) or ROBOT_TYPES[topic.split("/", 3)[3]]
 
 
 def topic_qos(topic: str) -> QosProfile:
@@ -119,7 +139,7 @@ class Transform(NamedTuple):
 
     parent: str
     child: str
-    pose: Pose
+    pose: PlanarPose
 
 
 class Marker(NamedTuple):
@@ -133,7 +153,7 @@ class Marker(NamedTuple):
     colour: Colour
     opacity: float = 1.0
     frame: str = MAP
-    points: tuple[tuple[float, float], ...] = ()
+    points: Sequence[Sequence[float]] = ()
     text: str = ""
 
 
@@ -142,7 +162,7 @@ def disc(name: str, at: tuple[float, float], radius: float, height: float, colou
     return Marker(name, _CYLINDER, (*at, height / 2), (2 * radius, 2 * radius, height), colour)
 
 
-def lines(name: str, points: tuple[tuple[float, float], ...], width: float, colour: Colour) -> Marker:
+def lines(name: str, points: Sequence[Sequence[float]], width: float, colour: Colour) -> Marker:
     """Return straight lines, each between two consecutive points."""
     return Marker(name, _LINE_LIST, (0.0, 0.0, 0.0), (width, 0.0, 0.0), colour, points=points)
 
@@ -157,38 +177,35 @@ def transforms(frames: Iterable[Transform], stamp: int) -> Any:
     return new("tf2_msgs/TFMessage", transforms=[_transform(one, stamp) for one in frames])
 
 
-def placed_pose(pose: Pose, stamp: int) -> Any:
+def placed_pose(pose: PlanarPose, stamp: int) -> Any:
     """Return a PoseStamped."""
     return new("geometry_msgs/PoseStamped", header=_header(MAP, stamp), pose=_pose(pose))
 
 
-def uncertain_pose(pose: Pose, covariance: Sequence[float] | Floats, stamp: int) -> Any:
-    """Return a PoseWithCovarianceStamped; `covariance`: (3, 3) of x, y and heading, row by row."""
+def uncertain_pose(estimate: tuple[PlanarPose, Sequence[float]], stamp: int) -> Any:
+    """Return a PoseWithCovarianceStamped of a pose and its covariance: (3, 3), row by row."""
+    pose, covariance = estimate
     full = np.zeros((6, 6))
     full[np.ix_(_PLANAR, _PLANAR)] = np.reshape(covariance, (3, 3))
     placed = new("geometry_msgs/PoseWithCovariance", pose=_pose(pose), covariance=full.reshape(-1))
     return new("geometry_msgs/PoseWithCovarianceStamped", header=_header(MAP, stamp), pose=placed)
 
 
-def clock(stamp: int) -> Any:
-    """Return a Clock message."""
-    return new("rosgraph_msgs/Clock", clock=_time(stamp))
-
-
-def odometry(frame: str, child: str, pose: Pose, velocity: Any, stamp: int) -> Any:
-    """Return an Odometry; `velocity`: a Twist in the child's frame. Covariances are 0 (unknown).
+def odometry(frame: str, child: str, pose: PlanarPose, velocity: Sequence[float], stamp: int) -> Any:
+    """Return an Odometry; `velocity`: as for `twist`, in the child's frame. Covariances are 0 (unknown).
 
     The odometry's errors since switch-on have no bound; the filter models those of a single motion.
     """
     unknown = np.zeros(36)
     placed = new("geometry_msgs/PoseWithCovariance", pose=_pose(pose), covariance=unknown)
-    moving = new("geometry_msgs/TwistWithCovariance", twist=velocity, covariance=unknown)
+    moving = new("geometry_msgs/TwistWithCovariance", twist=twist(velocity), covariance=unknown)
     header = _header(frame, stamp)
     return new("nav_msgs/Odometry", header=header, child_frame_id=child, pose=placed, twist=moving)
 
 
-def twist(vx: float, vy: float, omega: float) -> Any:
-    """Return a Twist, m/s and rad/s."""
+def twist(velocity: Sequence[float] | Floats) -> Any:
+    """Return a Twist of (x, y, turn rate), m/s and rad/s."""
+    vx, vy, omega = map(float, velocity)
     return new("geometry_msgs/Twist", linear=_vector(vx, vy), angular=_vector(0.0, 0.0, omega))
 
 
@@ -205,7 +222,7 @@ def laser_scan(frame: str, sensor: RangeSensor, ranges: Singles, stamp: int) -> 
 
 def path(points: Points, stamp: int) -> Any:
     """Return a Path in the map frame; it is empty when the plan was dropped."""
-    poses = [placed_pose(Pose(x, y, 0.0), stamp) for x, y in points.tolist()]
+    poses = [placed_pose((x, y, 0.0), stamp) for x, y in points]
     return new("nav_msgs/Path", header=_header(MAP, stamp), poses=poses)
 
 
@@ -223,7 +240,7 @@ def point_cloud(points: Points, stamp: int) -> Any:
     )  # fmt: skip
 
 
-def occupancy_grid(corner: Pose, cell: float, values: NDArray[np.int8], stamp: int) -> Any:
+def occupancy_grid(corner: PlanarPose, cell: float, values: NDArray[np.int8], stamp: int) -> Any:
     """Return an OccupancyGrid of (rows, columns) cells of edge `cell`, m, with the first one at `corner`."""
     rows, columns = values.shape
     info = new(
@@ -304,15 +321,15 @@ def _marker(one: Marker, number: int, stamp: int, action: int) -> Any:
 
 
 def _transform(one: Transform, stamp: int) -> Any:
-    shift, rotation = _vector(one.pose.x, one.pose.y), _rotation(one.pose.heading)
-    placed = new("geometry_msgs/Transform", translation=shift, rotation=rotation)
+    x, y, heading = map(float, one.pose)
+    placed = new("geometry_msgs/Transform", translation=_vector(x, y), rotation=_rotation(heading))
     header = _header(one.parent, stamp)
     return new("geometry_msgs/TransformStamped", header=header, child_frame_id=one.child, transform=placed)
 
 
-def _pose(pose: Pose) -> Any:
-    position, rotation = _point(pose.x, pose.y), _rotation(pose.heading)
-    return new("geometry_msgs/Pose", position=position, orientation=rotation)
+def _pose(pose: PlanarPose) -> Any:
+    x, y, heading = map(float, pose)
+    return new("geometry_msgs/Pose", position=_point(x, y), orientation=_rotation(heading))
 
 
 def _point(x: float, y: float, z: float = 0.0) -> Any:

@@ -6,29 +6,18 @@ from typing import Final
 from msgspec.structs import asdict
 
 from acrc_testbed.recordings.run_recordings import read_setup, recordings
-from acrc_testbed.recordings.topics import GrowingRecording
 from acrc_testbed.run_model.data import RunDescription
 from acrc_testbed.run_model.model import RunModel
-from acrc_testbed.run_model.simulated_runs import RunReader
+from acrc_testbed.run_model.simulated_runs import FROM_ROBOT, RecordedTopics, RunReader
 from actors.floor.map_file import load_map
 from actors.instant import seconds
-from actors.messages import (
-    DRIVE,
-    INTROSPECTION,
-    RECEIVED,
-    SENSES,
-    TRUTH,
-    Drive,
-    RobotTruth,
-    SensorData,
-    Truth,
-)
+from actors.messages import DRIVE, TRUTH, Drive, RobotTruth, SensorData, Truth
+from actors.topic import Message
 from firmware_bridge.onboard.device_loop import BaseSetup
 
 _TIMEOUT: Final = seconds(1)
 """Time after which sensor data are returned without the robot's answer."""
-_FROM_ROBOT: Final = frozenset({("in", SENSES), ("in", RECEIVED), ("out", INTROSPECTION)})
-_FROM_BASE: Final = frozenset({("in", DRIVE)})
+_FROM_BASE: Final[RecordedTopics] = {DRIVE: "in"}
 
 
 class OnboardReader(RunReader):
@@ -57,22 +46,20 @@ class OnboardReader(RunReader):
         )
         return RunModel(description)
 
-    def _read_messages(self, actor: str, robot: str, growing: GrowingRecording) -> None:
-        topics = {self._robot: _FROM_ROBOT, f"{self._robot}.base": _FROM_BASE}.get(robot)
-        if topics is None or growing.reading.path != _latest(self.description.out, robot):
-            return
-        for one in growing.poll():
-            if (one.direction, one.topic) not in topics:
-                continue
-            message = one.message()
-            if isinstance(message, Drive):
-                self._answered = message.step
-            elif isinstance(message, SensorData) and not message.halt:
-                odometry = asdict(message.odometry)
-                body = RobotTruth(id=self._robot, **odometry, stepping=True, powered=True, transmits=0)
-                self.model.extend(TRUTH.key(), Truth(message.step, message.instant, (body,)))
-                self.model.since = self.model.since or message.instant / 1e6
-            self._add_message(growing.reading.path, actor, self._robot, one)
+    def _topics(self, actor: str, path: Path) -> RecordedTopics:
+        folder = path.parent.name
+        topics = {self._robot: FROM_ROBOT, f"{self._robot}.base": _FROM_BASE}.get(folder, {})
+        return topics if topics and path == _latest(self.description.out, folder) else {}
+
+    def _add_message(self, actor: str, path: Path, key: str, message: Message) -> None:
+        if isinstance(message, Drive):
+            self._answered = message.step
+        elif isinstance(message, SensorData) and not message.halt:
+            odometry = asdict(message.odometry)
+            body = RobotTruth(id=self._robot, **odometry, stepping=True, powered=True, transmits=0)
+            self.model.extend(TRUTH.key(), Truth(message.step, message.instant, (body,)))
+            self.model.since = self.model.since or message.instant / 1e6
+        super()._add_message(actor, path, key, message)
 
     def _last_complete_step(self) -> int:
         truths = self.model.truths

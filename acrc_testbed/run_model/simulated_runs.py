@@ -1,13 +1,15 @@
 """Run model of simulated runs, from the recordings in a run's folder: finished, truncated or growing."""
 
 import time
+from collections import defaultdict
+from collections.abc import Mapping
 from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
-from typing import Final, Self
+from typing import Any, Final, Self
 
 from acrc_testbed.recordings.run_recordings import RecordedOrder, read_setup, recordings
-from acrc_testbed.recordings.topics import GrowingRecording, LoggedMessage
+from acrc_testbed.recordings.topics import GrowingRecording
 from acrc_testbed.run_model.data import RunData, RunDataError, RunDescription
 from acrc_testbed.run_model.model import RunModel, robot_of
 from acrc_testbed.run_model.recording_readers import (
@@ -36,21 +38,24 @@ from actors.messages import (
     TASK_CHANGED,
     TRUTH,
     Drive,
+    FrameOutcomes,
     SensorData,
 )
 from actors.radio.radio_model import RadioSetup
+from actors.runtime.recording import Direction
+from actors.topic import Message, Topic
 from actors.world.world_setup import WorldSetup
 
 _TIMEOUT_S: Final = 1.0
 """Timeout for the robots' recordings of a step, s."""
-_TOPICS: Final = {
-    "radio": frozenset({TRUTH.pattern}),
-    "world": frozenset({DRIVE.pattern, AIRED.pattern, CONTROL.pattern}),
+RecordedTopics = Mapping[Topic[Any], Direction]
+"""Topics to read from a recording: those of received ("in") and of sent ("out") messages."""
+_FROM_OTHERS: Final[RecordedTopics] = {FRAME_OUTCOMES: "out", FLOOR_CHANGED: "out", TASK_CHANGED: "out"}
+_TOPICS: Final[Mapping[str, RecordedTopics]] = {
+    "radio": {**_FROM_OTHERS, TRUTH: "in"},
+    "world": {**_FROM_OTHERS, DRIVE: "in", AIRED: "in", CONTROL: "in"},
 }
-_RECEIVED_BY_ROBOTS: Final = frozenset({SENSES.pattern, RECEIVED.pattern})
-"""Topics of received messages to read, by the actor whose recording has them."""
-_SENT_BY_ROBOTS: Final = frozenset({INTROSPECTION.pattern})
-_SENT_BY_OTHERS: Final = frozenset({FRAME_OUTCOMES.pattern, FLOOR_CHANGED.pattern, TASK_CHANGED.pattern})
+FROM_ROBOT: Final[RecordedTopics] = {SENSES: "in", RECEIVED: "in", INTROSPECTION: "out"}
 
 
 def run_model(out: Path, setup: WorldSetup, radio: RadioSetup) -> RunModel:
@@ -83,11 +88,12 @@ class RunReader:
         self.model = self._create_model(out)
         self.description = self.model.description
         self._stack, self._files = ExitStack(), dict[str, GrowingRecording]()
-        self._internals: dict[str, ProcessModel] | None = {} if internals else None
-        """By actor; None: not requested."""
-        self._senses: dict[str, list[SensorData]] | None = {} if senses else None
-        """By actor, not returned yet; None: not requested."""
-        self._answers: dict[str, dict[int, Drive]] = {}
+        self._has_internals, self._has_senses = internals, senses
+        self._internals: dict[str, ProcessModel] = {}
+        """By actor."""
+        self._senses: dict[str, list[SensorData]] = {}
+        """By actor, not returned yet."""
+        self._answers = defaultdict[str, dict[int, Drive]](dict)
         """Answers of each robot by step, for its introspection."""
         self._sensed_steps: dict[str, int] = {}
         """Last step whose senses were read, by robot."""
@@ -120,15 +126,10 @@ class RunReader:
         """The robots in scenario order."""
         return self.description.robots
 
-    @property
-    def pending_steps(self) -> int:
-        """Number of steps that were read but not returned."""
-        return len(self.model.truths)
-
     def count_unread(self) -> int:
         """Read the radio's recording, and return the number of steps that were not returned."""
-        self._read_messages("radio", "", self._open("radio", recordings(self.description.out)["radio"]))
-        return self.pending_steps
+        self._read_messages("radio", recordings(self.description.out)["radio"])
+        return len(self.model.truths)
 
     def initial_data(self) -> RunData:
         """Return the run before its first step."""
@@ -140,7 +141,7 @@ class RunReader:
         Raises RecordingError for damaged files, RunDataError if the set of robots changes.
         """
         for actor, path in recordings(self.description.out).items():
-            self._read_messages(actor, path.parent.name, self._open(actor, path))
+            self._read_messages(actor, path)
         truths = self.model.truths
         until = truths[-1].step if last and truths else self._last_complete_step()
         ready = bool(truths) and truths[0].step <= until
@@ -150,22 +151,17 @@ class RunReader:
         if ready:
             self._last_progress = time.monotonic()
         run = self.model.advance(until, last=last, processes=self._processes())
-        step, answers = self.model.step, self._answers
-        if self._senses is not None:
-            senses = {
-                actor: [one for one in found if last or one.step <= step]
-                for actor, found in self._senses.items()
-            }
-            self._senses = {actor: found[len(senses[actor]) :] for actor, found in self._senses.items()}
-            run = replace(run, senses=senses)
-        if self._internals is None:
-            return run
-        taken = [one.take(step, answers.get(one.process.robot, {})) for one in self._internals.values()]
-        for one in self._internals.values():
+        step = self.model.step
+        senses = {
+            actor: [one for one in found if last or one.step <= step] for actor, found in self._senses.items()
+        }
+        self._senses = {actor: found[len(senses[actor]) :] for actor, found in self._senses.items()}
+        models = self._internals.values()
+        internals = tuple(one.take(step, self._answers[one.process.robot]) for one in models)
+        for one in models:
             robot, until = one.process.robot, min(step, one.covered) if one.is_recorded else step
-            known = answers.get(robot, {})
-            answers[robot] = {number: drive for number, drive in known.items() if number > until}
-        return replace(run, internals=tuple(taken))
+            self._answers[robot] = {at: drive for at, drive in self._answers[robot].items() if at > until}
+        return replace(run, senses=senses, internals=internals)
 
     def _processes(self) -> list[RecordedProcess]:
         return [
@@ -174,46 +170,46 @@ class RunReader:
             if growing.run is not None and (robot := growing.reading.path.parent.name) in self.robots
         ]
 
-    def _open(self, actor: str, path: Path) -> GrowingRecording:
+    def _topics(self, actor: str, path: Path) -> RecordedTopics:
+        """Return the topics to read; each is read from the process that records it in full."""
+        topics = FROM_ROBOT if path.parent.name in self.robots else _TOPICS.get(actor, _FROM_OTHERS)
+        return {
+            topic: way for topic, way in topics.items() if self._has_internals or topic is not INTROSPECTION
+        }
+
+    def _read_messages(self, actor: str, path: Path) -> None:
         if actor not in self._files:
             self._files[actor] = self._stack.enter_context(GrowingRecording(path))
-        return self._files[actor]
-
-    def _read_messages(self, actor: str, robot: str, growing: GrowingRecording) -> None:
-        """Add the messages of a recording; each topic is read from the process that records it in full."""
-        path, is_robot = growing.reading.path, robot in self.robots
-        received = _TOPICS.get(actor, _RECEIVED_BY_ROBOTS if is_robot else frozenset())
-        sent = _SENT_BY_ROBOTS if is_robot else _SENT_BY_OTHERS
-        for one in growing.poll():
+        topics = self._topics(actor, path)
+        for one in self._files[actor].poll() if topics else ():
             if actor == "world" and one.key == TRUTH.pattern:
                 self._completed_step = max(self._completed_step, one.step - 1)
-            elif one.topic.pattern in (received if one.direction == "in" else sent):
-                self._add_message(path, actor, robot, one)
+            elif topics.get(one.topic) == one.direction and (message := one.message()) is not None:
+                try:
+                    self._add_message(actor, path, one.key, message)
+                except RunDataError as error:
+                    raise RunDataError(f"{path}: {error}") from None
 
-    def _add_message(self, path: Path, actor: str, robot: str, one: LoggedMessage) -> None:
-        internals = self._internals
-        if (one.topic is INTROSPECTION and internals is None) or (message := one.message()) is None:
-            return
-        try:
-            self.model.extend(one.key, message)
-        except RunDataError as error:
-            raise RunDataError(f"{path}: {error}") from None
+    def _add_message(self, actor: str, path: Path, key: str, message: Message) -> None:
+        self.model.extend(key, message)
+        robot = path.parent.name
         if isinstance(message, SensorData):
-            self._sensed_steps[robot] = one.step
-            if self._senses is not None:
+            self._sensed_steps[robot] = message.step
+            if self._has_senses:
                 self._senses.setdefault(actor, []).append(message)
-        elif one.topic is FRAME_OUTCOMES:
-            self._outcome_step = one.step
-        if internals is None:
+        elif isinstance(message, FrameOutcomes):
+            self._outcome_step = message.step
+        if not self._has_internals:
             return
         if isinstance(message, Drive):
-            self._answers.setdefault(robot_of(one.key), {})[message.step] = message
+            self._answers[robot_of(key)][message.step] = message
         elif robot in self.robots:
-            if actor not in internals:
+            if actor not in self._internals:
                 run = self._files[actor].run
                 assert run is not None, "every recording begins with it"
-                internals[actor] = process_model(RecordedProcess(actor, robot, seconds_of), path, run)
-            internals[actor].extend(message)
+                process = RecordedProcess(actor, robot, seconds_of)
+                self._internals[actor] = process_model(process, path, run)
+            self._internals[actor].extend(message)
 
     def _last_complete_step(self) -> int:
         """Return the last step whose messages have all been read."""

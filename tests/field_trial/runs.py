@@ -43,11 +43,13 @@ def rewrite(
     *,
     late: Callable[[], int] = lambda: 0,
     bridge: Clock | None = None,
+    lidar: Clock | None = None,
     keep: Callable[[Entry | Note], bool] = lambda item: True,
 ) -> None:
     """Copy a recording with the instants of a robot's messages converted to its clock in `clocks`.
 
-    `late` is added to the stamps of the radio; `bridge`: the clock of these stamps, if it is another one.
+    `late` is added to the stamps of the radio; `bridge`: the clock of these stamps, if it is another one, and
+    `lidar`: that of the scans.
     """
     target.parent.mkdir(parents=True, exist_ok=True)
     with Recorder(target, 100_000) as recorder:
@@ -63,7 +65,7 @@ def rewrite(
                 continue
             own = clocks[robot]
             message = decode(topic_of(item.key), item.key, item.payload)
-            payload = encode(_moved(message, own, bridge or own, late))
+            payload = encode(_moved(message, own, bridge or own, lidar or own, late))
             if item.step != step:
                 recorder.flush()
                 step = item.step
@@ -73,11 +75,11 @@ def rewrite(
                 recorder.sent(item.key, item.step, item.sequence, payload, hashlib.sha256(payload).digest())
 
 
-def _moved(message: Message, own: Clock, bridge: Clock, late: Callable[[], int]) -> Message:
+def _moved(message: Message, own: Clock, bridge: Clock, lidar: Clock, late: Callable[[], int]) -> Message:
     replace = msgspec.structs.replace
     match message:
         case SensorData():
-            scan = message.scan and replace(message.scan, stamp=own(message.scan.stamp))
+            scan = message.scan and replace(message.scan, stamp=lidar(message.scan.stamp))
             return replace(message, instant=own(message.instant), scan=scan)
         case Drive():
             return replace(

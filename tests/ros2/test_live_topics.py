@@ -63,8 +63,8 @@ def test_a_stopped_reader_delays_nothing_and_what_it_misses_is_counted(
     out: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     publisher: Any = StuckPublisher()
-    topics = LiveTopics(("r1", "r2"), lambda topic, kind: publisher, has_clock=True)
     with RunReader(out, internals=True, senses=True) as reader:
+        topics = LiveTopics(reader.description, lambda topic, kind: publisher)
         for until in range(2, 60, 3):
             monkeypatch.setattr(reader, "_last_complete_step", lambda until=until: until)
             part = reader.poll()
@@ -85,8 +85,8 @@ def test_a_stopped_reader_delays_nothing_and_what_it_misses_is_counted(
 def test_a_fast_run_shows_the_newest_message_of_each_topic_and_frame(out: Path) -> None:
     publisher: Any = StuckPublisher()
     publisher.released.set()
-    topics = LiveTopics(("r1", "r2"), lambda topic, kind: publisher, has_clock=True)
     with RunReader(out, internals=True, senses=True) as reader:
+        topics = LiveTopics(reader.description, lambda topic, kind: publisher)
         part = reader.poll(last=True)
     assert part is not None
     topics.add(part)
