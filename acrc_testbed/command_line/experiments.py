@@ -1,5 +1,6 @@
 """Options of the commands campaign, compare, causes, gap, report, bundle and study."""
 
+import math
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Annotated, Final
@@ -166,22 +167,21 @@ def gap(
         found = compare_field(field, run)
     measured = Table("quantity", "field", "simulated", "difference, 95 % interval", title="Gap")
     for one in found.quantities:
-        values = _value_text(one.field), _value_text(one.simulated)
-        difference = "" if one.difference is None else _value_text(one.difference, one.interval)
-        measured.add_row(f"{one.name}, {one.unit}".rstrip(", "), *values, difference)
+        difference = _value_text(one.difference, one.interval) if one.interval else ""
+        name = f"{one.name}, {one.unit}".rstrip(", ")
+        measured.add_row(name, _value_text(one.field), _value_text(one.simulated), difference)
     fits = Table("key", "simulated", "fitted, 95 % interval", "p", "result", title="Keys")
     for fit in found.keys:
         p = "" if fit.p is None else f"{fit.p:.2g}"
-        fits.add_row(
-            fit.key, _value_text(fit.simulated), _value_text(fit.fitted, fit.interval), p, fit.verdict
-        )
+        values = _value_text(fit.simulated), _value_text(fit.fitted, fit.interval)
+        fits.add_row(fit.key, *values, p, fit.verdict)
     answer((measured, fits, *found.notes), found, json=json)
 
 
-def _value_text(value: float | None, interval: tuple[float, float] | None = None) -> str:
+def _value_text(value: float, interval: list[float] | None = None) -> str:
     """Return the value as text, with its interval if that is known."""
-    within = "" if interval is None else f" ({interval[0]:.3g} to {interval[1]:.3g})"
-    return "too little data" if value is None else f"{value:.3g}{within}"
+    within = " ({:.3g} to {:.3g})".format(*interval) if interval else ""
+    return "too little data" if math.isnan(value) else f"{value:.3g}{within}"
 
 
 def report(

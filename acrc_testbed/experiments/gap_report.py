@@ -7,7 +7,7 @@ from typing import Final, NamedTuple
 import msgspec
 import numpy as np
 
-from acrc_testbed.experiments.paired_tests import ALPHA, decidable, holm, mean_test
+from acrc_testbed.experiments.paired_tests import ALPHA, NO_TEST, PairedTest, decidable, holm, mean_test
 from acrc_testbed.experiments.reality_gap import Quantity, quantities
 from acrc_testbed.experiments.scan_poses import ScanMatcher
 from acrc_testbed.recordings.run_recordings import read_setup, recordings
@@ -27,16 +27,16 @@ TOO_LITTLE: Final = "too little data"
 
 
 class QuantityGap(msgspec.Struct, frozen=True):
-    """A quantity in field and simulation; None: too little data."""
+    """A quantity in field and simulation; NaN, in JSON null: too little data."""
 
     name: str
     unit: str
-    field: float | None
-    simulated: float | None
-    difference: float | None
+    field: float
+    simulated: float
+    difference: float
     """Field minus simulation."""
-    interval: tuple[float, float] | None
-    """95 % interval of the difference, by bootstrap over blocks."""
+    interval: list[float] | None
+    """95 % interval of the difference, by bootstrap over blocks; None: too little data."""
     blocks: tuple[int, int]
     """Blocks of the field and the simulation."""
 
@@ -48,10 +48,10 @@ class KeyFit(msgspec.Struct, frozen=True):
     unit: str
     simulated: float
     """Its value in the simulated run."""
-    fitted: float | None
-    """None: too little data."""
-    interval: tuple[float, float] | None
-    """95 % interval, by bootstrap over blocks."""
+    fitted: float
+    """NaN, in JSON null: too little data."""
+    interval: list[float] | None
+    """95 % interval, by bootstrap over blocks; None: too little data."""
     p: float | None
     """P-value of no improvement on the other half, adjusted for all keys (Holm); None: too little data."""
     verdict: str
@@ -112,7 +112,7 @@ def compare_field(field: Path, run: Path) -> GapReport:
     return GapReport(
         robots,
         tuple(_gap(one, simulated[name]) for name, one in measured.items()),
-        tuple(key_fits(measured, simulated, _keys(model, radio))),
+        tuple(key_fits(measured, simulated, compared_keys(model, radio))),
         (*trial.notes, *notes),
     )
 
@@ -124,26 +124,21 @@ def _bootstrap(quantity: Quantity, seed: int) -> Floats:
     return quantity.estimate(drawn.astype(np.float64))
 
 
-def _interval(values: Floats) -> tuple[float, float]:
-    low, high = np.nanquantile(values, (0.025, 0.975)).tolist()
-    return low, high
-
-
-def _known_total(quantity: Quantity) -> float | None:
-    value = quantity.total() if len(quantity.blocks) >= MIN_BLOCKS else np.nan
-    return None if np.isnan(value) else value
+def _interval(samples: Floats) -> list[float]:
+    return list(np.nanquantile(samples, (0.025, 0.975)).tolist())
 
 
 def _gap(field: Quantity, simulated: Quantity) -> QuantityGap:
+    sides = field, simulated
+    one, other = (side.total() if len(side.blocks) >= MIN_BLOCKS else np.nan for side in sides)
+    interval = None
+    if not np.isnan(one - other):
+        interval = _interval(_bootstrap(field, 1) - _bootstrap(simulated, 2))
     blocks = len(field.blocks), len(simulated.blocks)
-    one, other = map(_known_total, (field, simulated))
-    difference = interval = None
-    if one is not None and other is not None:
-        difference, interval = one - other, _interval(_bootstrap(field, 1) - _bootstrap(simulated, 2))
-    return QuantityGap(field.name, field.unit, one, other, difference, interval, blocks)
+    return QuantityGap(field.name, field.unit, one, other, one - other, interval, blocks)
 
 
-def _keys(model: RobotModel, radio: RadioModel) -> list[FittedKey]:
+def compared_keys(model: RobotModel, radio: RadioModel) -> list[FittedKey]:
     """Return the keys with their values in the simulation."""
     drive, excess_db = model.drive, radio.parameters.propagation.path_loss.excess_db
     straight, turn = drive.acceleration, drive.turn_acceleration
@@ -162,31 +157,32 @@ def key_fits(
     field: Mapping[str, Quantity], simulated: Mapping[str, Quantity], keys: list[FittedKey]
 ) -> Iterator[KeyFit]:
     """Yield the fit of each key, with p-values adjusted for all keys that can be decided."""
-    differences, fitted = {}, {}
-    for one in keys:
-        quantity, other = field[one.quantity], simulated[one.quantity]
-        if min(len(quantity.blocks), len(other.blocks)) >= MIN_BLOCKS:
-            half = quantity._replace(blocks=quantity.blocks[::2])
-            before, after = _error(quantity, other.total()), _error(quantity, half.total())
-            differences[one.key] = mean_test((before - after)[1::2])
-            shift = one.simulated - other.total()
-            fitted[one.key] = half.total() + shift, _interval(_bootstrap(half, 1) + shift)
-    able = decidable([test.differing for test in differences.values()])
-    tests = {key: test for (key, test), is_able in zip(differences.items(), able, strict=True) if is_able}
-    adjusted = dict(zip(tests, holm([test.p for test in tests.values()]), strict=True))
-    for one in keys:
-        value, interval = fitted.get(one.key, (None, None))
-        p, verdict = adjusted.get(one.key), "nearer"
-        if value is not None and abs(value - one.simulated) < one.least:
+    fits = [_fit(field[one.quantity], simulated[one.quantity], one.simulated) for one in keys]
+    able = decidable([test.differing for *_, test in fits])
+    adjusted = iter(holm([test.p for (*_, test), is_able in zip(fits, able, strict=True) if is_able]))
+    for one, (value, interval, test), is_able in zip(keys, fits, able, strict=True):
+        p, verdict = next(adjusted) if is_able else None, "nearer"
+        if abs(value - one.simulated) < one.least:
             verdict = "as simulated"
-        elif value is None or p is None:
+        elif p is None:
             verdict = TOO_LITTLE
-        elif p >= ALPHA or tests[one.key].direction < 0:
+        elif p >= ALPHA or test.direction < 0:
             verdict = "not significant"
         yield KeyFit(one.key, field[one.quantity].unit, one.simulated, value, interval, p, verdict)
 
 
-def _error(quantity: Quantity, value: float) -> Floats:
-    """Return the prediction error of each block, (n,), for a value."""
-    assert quantity.candidates is not None
-    return np.array([np.interp(value, quantity.candidates, block) for block in quantity.blocks])
+def _fit(
+    field: Quantity, simulated: Quantity, setting: float
+) -> tuple[float, list[float] | None, PairedTest]:
+    """Return the value of a key, its interval, and the test of the improvement of the other half.
+
+    `setting`: the key's value in the simulation.
+    """
+    if min(len(field.blocks), len(simulated.blocks)) < MIN_BLOCKS:
+        return np.nan, None, NO_TEST
+    half = field._replace(blocks=field.blocks[::2])
+    totals = simulated.total(), half.total()
+    errors = [np.interp(totals, field.candidates, block) for block in field.blocks[1::2]]
+    before, after = np.transpose(errors)
+    shift = setting - totals[0]
+    return totals[1] + shift, _interval(_bootstrap(half, 1) + shift), mean_test(before - after)

@@ -4,7 +4,9 @@ Each quantity is a sum over blocks of a robot's time, so that blocks can be resa
 a ratio of two sums, or the candidate with the least sum of absolute prediction errors.
 """
 
+from collections import defaultdict
 from collections.abc import Iterator, Sequence
+from functools import partial
 from itertools import pairwise
 from typing import Final, NamedTuple
 
@@ -16,7 +18,7 @@ from acrc_testbed.results.field_recordings import FieldTrial, FieldTrialError, R
 from acrc_testbed.run_model.hardware_runs import TrialClock
 from acrc_testbed.run_model.recording_readers import robot_report
 from actors.array_types import Floats
-from actors.messages import Drive, FrameReceived, RadioEvents
+from actors.messages import Drive
 from actors.radio.radio_model import RadioModel
 from actors.robot_model import DriveParameters
 
@@ -38,7 +40,7 @@ _MAX_LATENCY_S: Final = 1.0
 """Maximum time from the end of a transmission to its reception, after alignment of clocks, s."""
 _WEAKEST_DBM: Final = -90.0
 """Least signal strength that a transceiver reports (MRF24J40, DS39776C, table 3-8)."""
-_DISTANCES: Final = (0.0, 2.0, 4.0, 8.0, 16.0, 1000.0)
+_DISTANCES: Final = (0.0, 2.0, 4.0, 8.0, 16.0, np.inf)
 """Bounds of the bins of frames by distance, m."""
 _LOSSES_DB: Final = np.arange(-20.0, 20.01, 0.25, np.float64)
 _SCALES: Final = np.arange(0.9, 1.1001, 0.001, np.float64)
@@ -55,19 +57,20 @@ class Quantity(NamedTuple):
     unit: str
     blocks: Floats
     """(n, 2): numerator and denominator; with candidates (n, g): error of each block for each."""
-    candidates: Floats | None = None
-    """(g,), ascending."""
+    candidates: Floats = np.zeros(0)
+    """(g,), ascending; empty: the quantity is a ratio."""
 
     def estimate(self, weights: Floats) -> Floats:
         """Return the quantity, (k,), with blocks weighted by (k, n); NaN: its denominator is 0."""
         sums: Floats = weights @ self.blocks
-        if self.candidates is None:
+        if not len(self.candidates):
             sums[sums[:, 1] == 0] = np.nan
             return np.asarray(sums[:, 0] / sums[:, 1], np.float64)
         numbers = np.arange(len(self.candidates))
         best = sums.argmin(axis=1).clip(1, len(numbers) - 2)
-        low, least, high = (sums[np.arange(len(sums)), best + k] for k in (-1, 0, 1))
-        vertex = best + (low - high) / (2 * (low - 2 * least + high) + 1e-12)
+        low, least, high = np.take_along_axis(sums, np.add.outer(best, (-1, 0, 1)), axis=1).T
+        curvature = np.fmax(low - 2 * least + high, 1e-12)  # may be negative if the best is the first or last
+        vertex = best + (low - high) / (2 * curvature)
         return np.asarray(np.interp(vertex, numbers, self.candidates), np.float64)
 
     def total(self) -> float:
@@ -76,57 +79,56 @@ class Quantity(NamedTuple):
 
     def best(self) -> float:
         """Return the best candidate of every other block."""
-        assert self.candidates is not None
         return float(self.candidates[self.blocks[::2].sum(axis=0).argmin()])
 
 
-def drive_blocks(logs: Sequence[RobotLog]) -> tuple[Floats, Floats]:
+def drive_blocks(logs: Sequence[RobotLog]) -> Floats:
     """Return the blocks without pressed bumper, missing answer or skipped step in which a robot moves.
 
-    Commands (b, _HISTORY + steps, 2), beginning with those before the block, and velocities by odometry (b,
-    steps + 1, 2): m/s and rad/s. `logs`: with sensor data, of equal step.
+    (b, _HISTORY + steps + 1, 4): commanded velocities, m/s and rad/s, and those by odometry. The rows begin
+    before the block. `logs`: with sensor data, of equal step.
     """
     steps = max(1, round(BLOCK_S * 1e6 / logs[0].identity.step_us))
-    commanded, achieved = np.zeros((0, _HISTORY + steps, 2)), np.zeros((0, steps + 1, 2))
+    found = []
     for log in logs:
         orders = np.full((len(log.ticks), 2), np.nan)
         for tick, drive in log.messages_of(Drive):
             orders[tick] = drive.vx, drive.omega
         rows = [(one.odometry.vx, one.odometry.omega, one.bumper) for one in log.senses or ()]
-        reached = np.reshape(rows, (-1, 3))
-        skips = np.diff([tick.step for tick in log.ticks], prepend=log.ticks[0].step - 1) != 1
-        usable = ~skips & (reached[:, 2] == 0) & np.isfinite(orders[:, 0])
-        for begin in range(_HISTORY, len(orders) - steps, steps):
-            span = slice(begin - _HISTORY, begin + steps)
-            if usable[span].all() and (np.abs(orders[span]) > _MOVING).any():
-                commanded = np.concatenate([commanded, orders[None, span]])
-                achieved = np.concatenate([achieved, reached[None, begin : begin + steps + 1, :2]])
-    return commanded, achieved
+        *reached, bumper = np.transpose(rows)
+        orders[bumper > 0] = np.nan
+        orders[1:][np.diff([tick.step for tick in log.ticks]) != 1] = np.nan
+        both = np.column_stack((orders, *reached))
+        for begin in range(0, len(both) - steps - _HISTORY, steps):
+            block = both[begin : begin + _HISTORY + steps + 1]
+            if np.abs(block[:-1, :2]).max() > _MOVING:  # false with NaN
+                found.append(block)
+    return np.reshape(found, (-1, _HISTORY + steps + 1, 4))
 
 
 def drive_errors(
-    commanded: Floats, achieved: Floats, step_us: int, accelerations: Floats, delays: Floats, limits: Floats
+    blocks: Floats, step_us: int, accelerations: Floats, delays: Floats, limits: Floats | float
 ) -> Floats:
-    """Return the summed absolute error of predicted velocities of each block, (b, …).
+    """Return the summed absolute error of predicted velocities of each block, (b, a, d).
 
     The model: wheels follow the command, limited to ±limit, after a delay, s, with limited acceleration. The
-    candidates are broadcast. commanded (b, _HISTORY + steps), achieved (b, steps + 1).
+    candidates are broadcast. blocks (b, _HISTORY + steps + 1, 2): commanded and reached.
     """
-    per_step, shape = max(1, round(step_us * 1e-6 / _SUBSTEP_S)), np.broadcast(accelerations, delays, limits)
-    orders = np.repeat(commanded, per_step, axis=1)
-    velocity = np.multiply.outer(achieved[:, 0], np.ones(shape.shape))
-    errors, late = np.zeros_like(velocity), np.rint(delays / _SUBSTEP_S).astype(np.int64)
-    for number in range(per_step * (achieved.shape[1] - 1)):
-        target = np.clip(orders[:, _HISTORY * per_step + number - late], -limits, limits)
-        velocity += np.clip(target - velocity, -accelerations * _SUBSTEP_S, accelerations * _SUBSTEP_S)
+    per_step = max(1, round(step_us * 1e-6 / _SUBSTEP_S))
+    orders, reached = np.repeat(blocks[..., 0], per_step, axis=1), blocks[..., 1, None, None]
+    velocity = reached[:, _HISTORY] + np.zeros(np.broadcast(accelerations, delays, limits).shape)
+    errors, change = np.zeros_like(velocity), accelerations * _SUBSTEP_S
+    late = np.atleast_2d(np.rint(delays / _SUBSTEP_S).astype(np.int64))
+    for number in range(_HISTORY * per_step, (blocks.shape[1] - 1) * per_step):
+        target = np.clip(orders[:, number - late], -limits, limits)
+        velocity += np.clip(target - velocity, -change, change)
         if (number + 1) % per_step == 0:
-            now = achieved[:, (number + 1) // per_step]
-            errors += np.abs(velocity - now.reshape(-1, *(1,) * shape.ndim))
+            errors += np.abs(velocity - reached[:, (number + 1) // per_step])
     return errors
 
 
 def drive_quantities(
-    logs: Sequence[RobotLog], drive: DriveParameters, delay: float | None = None
+    logs: Sequence[RobotLog], drive: DriveParameters, delay: float = np.nan
 ) -> Iterator[Quantity]:
     """Yield speeds, and the fitted limits and delay of the drive.
 
@@ -134,45 +136,37 @@ def drive_quantities(
     simulation, `drive` and `delay`, unless another value reduces the error by more than a penalty. These
     values are found with every other block. Without `delay` the blocks are the simulation's.
     """
-    commanded, achieved = drive_blocks(logs)
-    orders = np.abs(commanded[:, _HISTORY:, 0])
+    blocks, step_us = drive_blocks(logs), logs[0].identity.step_us
+    orders, reached = np.abs(blocks[:, _HISTORY:-1, 0]), np.abs(blocks[:, _HISTORY + 1 :, 2])
     moving = orders > _MOVING
-    for name, speeds in (("commanded", orders), ("reached", np.abs(achieved[:, 1:, 0]))):
-        covered = (speeds * moving).sum(axis=1)
-        yield Quantity(f"mean speed {name}", "m/s", np.column_stack((covered, moving.sum(axis=1))))
-    longest = _HISTORY * logs[0].identity.step_us * 1e-6
-    delays = np.arange(0.0, longest + 1e-9, _SUBSTEP_S, np.float64)
+    for name, speeds in (("commanded", orders), ("reached", reached)):
+        sums = (speeds * moving).sum(axis=1), moving.sum(axis=1)
+        yield Quantity(f"mean speed {name}", "m/s", np.column_stack(sums))
+    delays = np.arange(0.0, _HISTORY * step_us * 1e-6 + 1e-9, _SUBSTEP_S, np.float64)
     limits = np.arange(0.02, 1.01, 0.02, np.float64) * drive.speed
-    limit = limits[-1:]
-    grids: list[Floats] = [one * _FACTORS for one in (drive.acceleration, drive.turn_acceleration)]
-    changed = (1e9 if delay is None else _PENALTY) * (_FACTORS != 1.0)
-    later = 0.0 * delays if delay is None else _PENALTY * (np.abs(delays - delay) > _SUBSTEP_S / 2)
-
-    def errors(axis: int, limit: Floats, accelerations: Floats, delays: Floats) -> Floats:
-        sides = commanded[..., axis], achieved[..., axis], logs[0].identity.step_us
-        return drive_errors(*sides, accelerations[:, None], delays[None], limit)
-
-    turns = errors(1, np.array(drive.turn_rate), grids[1], delays)
+    grids = np.outer((drive.acceleration, drive.turn_acceleration), _FACTORS)
+    changed = (1e9 if np.isnan(delay) else _PENALTY) * (_FACTORS != 1.0)[:, None]
+    penalties = changed[:, None] + changed + _PENALTY * (np.abs(delays - delay) > _SUBSTEP_S / 2)
+    straight, turning = (partial(drive_errors, blocks[..., axis::2], step_us) for axis in (0, 1))
+    turns, limit = turning(grids[1][:, None], delays, drive.turn_rate), limits[-1]
     for _ in range(2):  # the speed limit needs the other values, which need the limit
-        lines = errors(0, limit, grids[0], delays)
-        sums = [one[::2].sum(axis=0) + _FLOOR * (len(orders) + 1) for one in (lines, turns)]
-        costs = [np.log(one) + changed[:, None] for one in sums]
-        cost = costs[0][:, None] + costs[1] + later
+        lines = straight(grids[0][:, None], delays, limit)
+        one, other = (each[::2].sum(axis=0) + _FLOOR * (len(blocks) + 1) for each in (lines, turns))
+        cost = np.log(one)[:, None] + np.log(other) + penalties
         line, turn, late = np.unravel_index(cost.argmin(), cost.shape)
-        by_limit = errors(0, limits[:, None], grids[0][line, None], delays[late, None])[..., 0]
+        by_limit = straight(grids[0][line], delays[late], limits[:, None])[..., 0]
         by_limit -= 1e-9 * limits  # the highest of equal ones: commands may not reach the limit
-        limit = limits[by_limit[::2].sum(axis=0).argmin(), None]
+        limit = limits[by_limit[::2].sum(axis=0).argmin()]
     yield Quantity("speed limit", "m/s", by_limit, limits)
     yield Quantity("acceleration", "m/s²", lines[..., late], grids[0])
     yield Quantity("turn acceleration", "rad/s²", turns[..., late], grids[1])
-    by_delay = lines[:, line] / sums[0][line, late] + turns[:, turn] / sums[1][turn, late]
+    by_delay = lines[:, line] / one[line, late] + turns[:, turn] / other[turn, late]
     yield Quantity("command delay", "s", by_delay, delays)
 
 
-def _by_block(places: Sequence[tuple[int, float]], rows: Floats) -> Floats:
-    """Return the sums of rows (n, k) by robot and block; `places`: number of the robot and time, s."""
-    blocks = [(robot, second // BLOCK_S) for robot, second in places]
-    numbers, index = np.unique(np.reshape(blocks, (-1, 2)), axis=0, return_inverse=True)
+def _by_block(blocks: Floats, rows: Floats) -> Floats:
+    """Return the sums of rows (n, k) by block; `blocks` (n, …): numbers that identify one."""
+    numbers, index = np.unique(blocks, axis=0, return_inverse=True)
     sums = np.zeros((len(numbers), rows.shape[1]))
     np.add.at(sums, index.ravel(), rows)
     return sums
@@ -181,22 +175,21 @@ def _by_block(places: Sequence[tuple[int, float]], rows: Floats) -> Floats:
 def scan_quantities(by_robot: Sequence[Sequence[Keyframe]]) -> Iterator[Quantity]:
     """Yield the residuals of scans, and errors of the odometry between keyframes."""
     numbered = [(robot, one) for robot, frames in enumerate(by_robot) for one in frames]
-    errors = [np.abs(np.abs(one.residuals)[:, None] - _MEDIAN * _NOISES).mean(axis=0) for _, one in numbered]
-    places = [(robot, one.second) for robot, one in numbered]
-    yield Quantity("scan residual", "m", _by_block(places, np.reshape(errors, (-1, len(_NOISES)))), _NOISES)
-    pairs = [
-        (robot, a, b)
-        for robot, frames in enumerate(by_robot)
-        for a, b in pairwise(frames)
-        if b.second - a.second <= MAX_PAUSE_S
+    rows = [
+        (robot, a.second // BLOCK_S, *np.abs(np.abs(a.residuals)[:, None] - _MEDIAN * _NOISES).mean(axis=0))
+        for robot, a in numbered
     ]
-    moves = [(*a.odometry.relative(b.odometry)[:2], *a.pose.relative(b.pose)[:2]) for _, a, b in pairs]
-    measured, true = np.hsplit(np.reshape(moves, (-1, 4)), 2)
-    places = [(robot, a.second) for robot, a, _ in pairs]
-    lengths = [np.hypot(*one.T)[:, None] for one in (measured, true, measured - true)]
-    scaled = np.abs(lengths[0] - lengths[1] * _SCALES)
-    yield Quantity("odometry scale", "", _by_block(places, scaled), _SCALES)
-    yield Quantity("odometry drift", "m/m", _by_block(places, np.hstack(lengths[2:0:-1])))
+    blocks, errors = np.hsplit(np.reshape(rows, (-1, 2 + len(_NOISES))), (2,))
+    yield Quantity("scan residual", "m", _by_block(blocks, errors), _NOISES)
+    rows = [
+        (robot, a.second // BLOCK_S, *a.odometry.relative(b.odometry)[:2], *a.pose.relative(b.pose)[:2])
+        for (robot, a), (other, b) in pairwise(numbered)
+        if robot == other and b.second - a.second <= MAX_PAUSE_S
+    ]
+    blocks, measured, true = np.hsplit(np.reshape(rows, (-1, 6)), 3)
+    reached, driven, wrong = (np.hypot(*one.T)[:, None] for one in (measured, true, measured - true))
+    yield Quantity("odometry scale", "", _by_block(blocks, np.abs(reached - driven * _SCALES)), _SCALES)
+    yield Quantity("odometry drift", "m/m", _by_block(blocks, np.hstack((wrong, driven))))
 
 
 def _receptions(
@@ -208,25 +201,23 @@ def _receptions(
     """
     tracks = [np.reshape([(one.second, *one.pose[:2]) for one in each], (-1, 3)) for each in frames]
 
-    def place(robot: int, second: float) -> tuple[float, float]:
-        seconds, x, y = tracks[robot].T
-        near = len(seconds) and np.abs(seconds - second).min() < MAX_PAUSE_S
-        return (np.interp(second, seconds, x), np.interp(second, seconds, y)) if near else (np.nan, np.nan)
+    def place(robot: int, second: float) -> list[float]:
+        seconds, *track = tracks[robot].T
+        is_near = len(seconds) and np.abs(seconds - second).min() < MAX_PAUSE_S
+        return [np.interp(second, seconds, one) if is_near else np.nan for one in track]
 
-    heard: dict[tuple[int, int, bytes], list[tuple[float, float]]] = {}
+    heard = defaultdict(list)
     for robot, log in enumerate(logs):
-        for _, received in log.messages_of(RadioEvents):
-            for event in received.events:
-                if isinstance(event, FrameReceived):
-                    second = clocks[robot].instant(event.instant) / 1e6
-                    heard.setdefault((robot, event.sender, event.data), []).append((second, event.rssi_dbm))
+        for _, event in log.received_frames():
+            second = clocks[robot].instant(event.instant) / 1e6
+            heard[robot, event.sender, event.data].append((second, event.rssi_dbm))
     for sender, log in enumerate(logs):
         for frame in log.sent_frames():
             second = np.inf if frame.sent is None else clocks[sender].instant(frame.sent.instant) / 1e6
             for receiver, other in enumerate(logs):
                 ticks = clocks[receiver].ticks
                 if other.identity.id != log.identity.id and ticks[0] <= second <= ticks[-1]:
-                    copies = heard.get((receiver, log.identity.address, frame.data), ())
+                    copies = heard[receiver, log.identity.address, frame.data]
                     rssi = (dbm for at, dbm in copies if abs(at - second) < _MAX_LATENCY_S)
                     yield second, *place(sender, second), *place(receiver, second), next(rssi, np.nan)
 
@@ -237,18 +228,17 @@ def radio_quantities(receptions: Floats, model: RadioModel) -> Iterator[Quantity
     `receptions`: (n, 6), as of `_receptions`, at known places.
     """
     distances, heard = np.hypot(*(receptions[:, 1:3] - receptions[:, 3:5]).T), np.isfinite(receptions[:, 5])
-    places = [(0, second) for second in receptions[:, 0]]
+    blocks = receptions[:, :1] // BLOCK_S
     for low, high in pairwise(_DISTANCES):
         near = (distances >= low) & (distances < high)
-        reach = f"{low:g} to {high:g} m" if high < _DISTANCES[-1] else f"above {low:g} m"
-        sums = _by_block(places, np.column_stack((heard & near, near)))
-        yield Quantity(f"frames heard, {reach}", "", sums[sums[:, 1] > 0])
+        reach = f"{low:g} to {high:g} m" if high < np.inf else f"above {low:g} m"
+        rows = np.column_stack((heard, near))[near]
+        yield Quantity(f"frames heard, {reach}", "", _by_block(blocks[near], rows))
     known = receptions[heard]
     losses = [model.propagation.loss_db(one[None, 1:3], one[None, 3:5]).item() for one in known]
     expected = model.parameters.transceiver.tx_power_dbm - np.reshape(losses, (-1, 1))
     errors = np.abs(known[:, 5:] - np.maximum(expected - _LOSSES_DB, _WEAKEST_DBM))
-    places = [(0, second) for second in known[:, 0]]
-    yield Quantity("path loss beyond the model", "dB", _by_block(places, errors), _LOSSES_DB)
+    yield Quantity("path loss beyond the model", "dB", _by_block(blocks[heard], errors), _LOSSES_DB)
 
 
 def goal_quantity(logs: Sequence[RobotLog]) -> Quantity:
@@ -267,11 +257,11 @@ def quantities(
     matcher: ScanMatcher,
     drive: DriveParameters,
     radio: RadioModel,
-    delay: float | None = None,
+    delay: float = np.nan,
 ) -> dict[str, Quantity]:
     """Return all quantities of these robots, of one model, by name.
 
-    `trial`: with sensor data; `delay`: of the simulation, None: this is the simulation, as are the models.
+    `trial`: with sensor data; `delay`: of the simulation, NaN: this is the simulation, as are the models.
     Raises an AcrcError for contradictory recordings.
     """
     aligned = AlignedClocks(trial)
@@ -282,10 +272,10 @@ def quantities(
     frames = [matcher.keyframes(log, clock) for log, clock in zip(logs, clocks, strict=True)]
     receptions = np.reshape(list(_receptions(logs, clocks, frames)), (-1, 6))
     placed = np.isfinite(receptions[:, 1:5]).all(axis=1)
-    found = [
+    found = (
         *drive_quantities(logs, drive, delay),
         goal_quantity(logs),
         *scan_quantities(frames),
         *radio_quantities(receptions[placed], radio),
-    ]
+    )
     return {one.name: one for one in found}

@@ -7,10 +7,12 @@ from scipy.optimize import least_squares
 
 from acrc_testbed.results.field_recordings import RobotLog
 from acrc_testbed.run_model.hardware_runs import TrialClock
-from actors.array_types import Floats
+from actors.array_types import Floats, UInt16s
 from actors.floor.grid import OccupancyGrid
 from actors.geometry import Pose
+from actors.instant import Instant
 from actors.messages import NO_ECHO_MM, Drive
+from actors.robot.sweep import OdometryBuffer
 from actors.robot_model import RobotModel
 from actors.runtime.errors import AcrcError
 from actors.world.sensing import RangeSensors
@@ -52,26 +54,16 @@ class ScanMatcher:
         self._sensors = RangeSensors(grid, [exact], [np.random.default_rng(0)])
         self._model = model
 
-    def match(self, guess: Pose, ranges_mm: bytes) -> tuple[Pose, Floats] | None:
-        """Return the pose near `guess` and the residuals; None: the scan does not determine the pose.
-
-        Raises AcrcError for a scan of another sensor.
-        """
-        measured = np.frombuffer(ranges_mm, "<u2")
-        if len(measured) != self._model.sensor.rays:
-            raise AcrcError(
-                f"a scan of the field trial has {len(measured)} rays, but the simulated sensor "
-                f"{self._model.default_sensor} {self._model.sensor.rays}; simulate the same sensor"
-            )
+    def match(self, guess: Pose, measured: UInt16s) -> tuple[Pose, Floats] | None:
+        """Return the pose near `guess` and the residuals; None: the scan, mm, does not determine the pose."""
 
         def errors(pose: Floats) -> Floats:
             expected = self._sensors.scan([0], pose[None], np.zeros((0, 3)))[0]
             return ((measured - expected.astype(np.float64)) / 1000.0).clip(-0.5, 0.5)
 
         def slopes(pose: Floats) -> Floats:
-            at = errors(pose)
-            moved = [(errors(pose + step) - at) / _STEP for step in _STEP * np.eye(3)]
-            return np.column_stack(moved).clip(-2.0, 2.0)
+            moved = np.array([errors(pose + step) for step in _STEP * np.eye(3)])
+            return ((moved - errors(pose)) / _STEP).clip(-2.0, 2.0).T
 
         found = least_squares(
             errors, np.array(guess), slopes, loss="soft_l1", f_scale=_SCALE, xtol=1e-5, max_nfev=15
@@ -86,29 +78,29 @@ class ScanMatcher:
     def keyframes(self, log: RobotLog, clock: TrialClock) -> list[Keyframe]:
         """Return one match per second, beginning at the robot's own estimates.
 
-        `log`: with sensor data; `clock`: of the log.
+        `log`: with sensor data; `clock`: of the log. Raises AcrcError for a scan of another sensor.
         """
-        assert log.senses is not None
-        instants = np.array([tick.instant for tick in log.ticks], np.int64)
-        readings = [(one.odometry.x, one.odometry.y, one.odometry.heading) for one in log.senses]
-        columns = np.unwrap(np.reshape(readings, (-1, 3)).T)  # no position jumps by π m within a step
         estimates = {tick: drive.pose for tick, drive in log.messages_of(Drive) if drive.pose is not None}
+        odometry, rays = OdometryBuffer(self._model.sensor), self._model.sensor.rays
         found: list[Keyframe] = []
-        last = -PERIOD_S
-        for tick, senses in enumerate(log.senses):
-            if senses.scan is None:
+        due = -np.inf
+        for tick, senses in enumerate(log.senses or ()):
+            base, scan = senses.odometry, senses.scan
+            if scan is not None and len(scan.ranges_mm) != 2 * rays:
+                raise AcrcError(
+                    f"a scan of the field trial has {len(scan.ranges_mm) // 2} rays, but the simulated "
+                    f"sensor {self._model.default_sensor} {rays}; simulate the same sensor"
+                )
+            sweep = odometry.take(Instant(senses.instant), Pose(base.x, base.y, base.heading), scan)
+            if scan is None or sweep is None or (second := clock.instant(scan.stamp) / 1e6) < due:
                 continue
-            second = clock.instant(senses.scan.stamp) / 1e6
-            if second < last + PERIOD_S:
-                continue
-            last = second
-            odometry = Pose(*(float(np.interp(senses.scan.stamp, instants, one)) for one in columns))
+            due = second + PERIOD_S
             if found and second < found[-1].second + MAX_PAUSE_S:
-                guess = found[-1].pose.frame(found[-1].odometry).compose(odometry)
+                guess = found[-1].pose.frame(found[-1].odometry).compose(sweep.pose)
             elif tick in estimates:
                 guess = Pose(*estimates[tick])
             else:
                 continue
-            if match := self.match(guess, senses.scan.ranges_mm):
-                found.append(Keyframe(second, odometry, *match))
+            if match := self.match(guess, sweep.ranges_mm):
+                found.append(Keyframe(second, sweep.pose, *match))
         return found

@@ -21,7 +21,7 @@ from acrc_testbed.results.clock_alignment import (
 )
 from acrc_testbed.results.field_recordings import FieldTrial, FieldTrialError, Moment, RobotLog, Tick
 from acrc_testbed.results.result import ClockReport
-from actors.messages import FrameReceived, RadioEvents
+from actors.messages import RadioEvents
 
 _MAX_JUMP_US: Final = 50_000
 """Maximum jump of a clock against its step count within a segment."""
@@ -242,11 +242,9 @@ def shared_frames(trial: FieldTrial, stamp: StampFunction) -> list[StampedFrame]
             stamps.append((robot, stamp(log, sent.handed, StampKind.HANDED)))
             if sent.sent is not None:
                 stamps.append((robot, stamp(log, sent.sent, StampKind.SENT)))
-        for tick, received in log.messages_of(RadioEvents):
-            for event in received.events:
-                if isinstance(event, FrameReceived):
-                    stamps = stamps_by_frame.setdefault((event.sender, event.data), [])
-                    stamps.append((robot, stamp(log, Moment(tick, event.instant), StampKind.HEARD)))
+        for tick, event in log.received_frames():
+            stamps = stamps_by_frame.setdefault((event.sender, event.data), [])
+            stamps.append((robot, stamp(log, Moment(tick, event.instant), StampKind.HEARD)))
     return [frame for stamps in stamps_by_frame.values() if (frame := _stamped_frame(stamps)) is not None]
 
 

@@ -131,6 +131,11 @@ class RobotLog:
         """Yield the messages of a type with their ticks."""
         return ((one.tick, one.message) for one in self.messages if isinstance(one.message, kind))
 
+    def received_frames(self) -> Iterator[tuple[int, FrameReceived]]:
+        """Yield the frames received with their ticks."""
+        for tick, received in self.messages_of(RadioEvents):
+            yield from ((tick, event) for event in received.events if isinstance(event, FrameReceived))
+
     def sent_frames(self) -> list[SentFrame]:
         """Return all frames handed to the transceiver with their confirmations."""
         frames: list[SentFrame] = []
@@ -440,13 +445,7 @@ def _add_link_counters(path: Path, run: RunNote, trial: FieldTrial) -> None:
 def _unknown_sender_sentences(trial: FieldTrial) -> Iterator[str]:
     """Yield a sentence for each sender without a recording."""
     known = {log.identity.address for log in trial.all_logs()}
-    heard = Counter(
-        event.sender
-        for log in trial.all_logs()
-        for _, received in log.messages_of(RadioEvents)
-        for event in received.events
-        if isinstance(event, FrameReceived)
-    )
+    heard = Counter(event.sender for log in trial.all_logs() for _, event in log.received_frames())
     for sender in sorted(heard.keys() - known):
         yield (
             f"{heard[sender]} frames were received from address {sender}, of which there is no recording; "
