@@ -298,7 +298,8 @@ class RunModel:
 
     def _fill_columns(self, truths: Sequence[Truth], *, last: bool) -> dict[str, Any]:
         columns = step_columns(len(truths), len(self._index))
-        first, until = (truths[0].step, truths[-1].step) if truths else (0, -1)
+        rows = {one.step: row for row, one in enumerate(truths)}  # a base on board may skip steps
+        until = truths[-1].step if truths else -1
         for row, truth in enumerate(truths):
             columns["true"][row] = [(one.x, one.y, one.heading) for one in truth.robots]
             columns["powered"][row] = [one.powered for one in truth.robots]
@@ -308,11 +309,11 @@ class RunModel:
         columns["items_left"][:] = self._items_left
         for robot, drive in self._drives:
             if drive.step <= until:
-                self._add_answer(columns, self._index[robot], robot, drive, drive.step - first)
+                self._add_answer(columns, self._index[robot], robot, drive, rows.get(drive.step, -1))
         self._drives = [(robot, drive) for robot, drive in self._drives if drive.step > until]
         for step, _, _, receiver, _ in self._heard:
-            if (last or step <= self.step) and 0 <= step - first < len(truths):
-                columns["frames_heard"][step - first, receiver] += 1
+            if (last or step <= self.step) and step in rows:
+                columns["frames_heard"][rows[step], receiver] += 1
         return columns
 
     def _add_answer(self, columns: dict[str, Any], index: int, robot: str, drive: Drive, row: int) -> None:
