@@ -75,10 +75,15 @@ def watch(
         if view is None:
             operator_station.watch(endpoints, keys)
         else:
-            from deploy.fleet import fleet_view
-
-            fleet_view.show(endpoints, keys, _load(view))
+            _show_robots(endpoints, keys, view)
     _exit_now(130)
+
+
+def _show_robots(endpoints: list[str], keys: Path, fleet: Path) -> None:
+    """Show robots in the viewer."""
+    from deploy.fleet import fleet_view
+
+    fleet_view.show(endpoints, keys, _load(fleet))
 
 
 def _load(fleet: Path) -> "Fleet":

@@ -436,7 +436,7 @@ def _add_link_counters(path: Path, run: RunNote, trial: FieldTrial) -> None:
     """Add the round trips of a robot without a board, if this is its bridge's recording."""
     with suppress(AcrcError, ValueError):
         bridge = typed_json.decode(run.setup, _LinkReport)
-        if bridge.keys is not None:
+        if bridge.robot and bridge.keys is not None:
             counts = trial.round_trips_ms.setdefault(bridge.robot, Counter())
             final = typed_json.decode(read_notes(path).get("final", ""), FinalNote)
             counts.update(final.report(_LinkReport).round_trips_ms)

@@ -458,6 +458,7 @@ places = [[11.0, 12.5]]
 """
 
 
+@pytest.mark.nightly
 @pytest.mark.timeout(240)
 def test_two_robots_adapt_to_each_other_over_the_network(
     networked: Fleet, tmp_path: Path, monkeypatch: pytest.MonkeyPatch

@@ -147,6 +147,7 @@ def test_wrong_options_are_refused(words: tuple[str, ...], sentence: str, tmp_pa
     assert refused.returncode == 2 and refused.stderr.startswith(f"acrc: {sentence}"), refused.stderr
 
 
+@pytest.mark.nightly
 @pytest.mark.timeout(240)
 def test_another_implementation_sees_a_running_swarm(tmp_path: Path) -> None:
     port = free_port()
