@@ -56,7 +56,7 @@ class TopicTraffic(NamedTuple):
     newest: Any = None
     """Last message; None: none, or an invalid one."""
     fault: str = ""
-    """Why a message is invalid; empty: all are valid."""
+    """Fault of an invalid message; empty: all are valid."""
     clock_offset: float = 0.0
     """Stamp less time of arrival of the message with the least delay, s."""
 
@@ -65,7 +65,7 @@ class GraphState(NamedTuple):
     """Connection, graph and traffic behind a router."""
 
     fault: str
-    """Why there is no connection; empty: there is one."""
+    """Cause of a missing connection; empty: connected."""
     tokens: Sequence[str] = ()
     """Liveliness tokens of all domains and mappings, without those of this check."""
     traffic: Mapping[str, TopicTraffic] = {}

@@ -18,7 +18,7 @@ _UNIT_TOLERANCE: Final = 0.1
 
 
 class HazardStatus(NamedTuple):
-    """HazardStatus of a base, with the bits of a DriveFeedback."""
+    """Active hazards of a base, with the bits of a DriveFeedback."""
 
     bumper: int = 0
     wheel_drop: int = 0

@@ -135,7 +135,7 @@ class Ros2Session:
         self._modes = ("client", "router") if serves else ("client",)
         self.is_router = False
         self.fault = "not connected yet"
-        """Why the session is not open; empty: it is."""
+        """Cause of a closed session; empty: it is open."""
         self.invalid_tokens = 0
         """Number of tokens of the graph that were invalid or too many."""
         threading.Thread(target=self._open, daemon=True).start()

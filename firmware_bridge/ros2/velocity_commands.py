@@ -76,7 +76,7 @@ class CommandPublisher:
         self._publisher: TopicPublisher | None = None
         self._checked_at = Instant(-_CHECK_INTERVAL)
         self.refusal: CommandFault | None = None
-        """Why no type is chosen."""
+        """Reason why no type is chosen."""
 
     @property
     def gid(self) -> bytes:

@@ -289,17 +289,17 @@ def test_all_robots_are_stopped_in_parallel_and_failures_are_named(robots: list[
         got = stack.enter_context(base(good))
         heard = stack.enter_context(base(deaf, obeys=False))
         theirs = stack.enter_context(base(foreign))
-        nobody = f"tls/127.0.0.1:{_free_port()}"
+        closed = f"tls/127.0.0.1:{_free_port()}"
         began = time.monotonic()
         answers = operator_station.send_order(
-            [nobody, dumb, foreign.endpoint, deaf.endpoint, good.endpoint, good.endpoint], keys, Stop()
+            [closed, dumb, foreign.endpoint, deaf.endpoint, good.endpoint, good.endpoint], keys, Stop()
         )
         took = time.monotonic() - began
     assert took < 2.5, "2 s, plus the start of threads on a loaded machine"
     assert got == heard == [Stop()] and theirs == []
     late = "no connection within 2 s"
     assert [*answers.items()] == [
-        (nobody, f"{late}: connection refused"),
+        (closed, f"{late}: connection refused"),
         (dumb, f"{late}: no response within 1.5 s"),
         (
             foreign.endpoint,
@@ -326,7 +326,7 @@ def test_a_rejected_laptop_certificate_is_reported_as_cause(
 def test_the_command_prints_each_robots_result_and_exits_with_1_after_a_failure(
     robots: list[Robot], keys: Path
 ) -> None:
-    nobody = f"tls/127.0.0.1:{_free_port()}"
+    closed = f"tls/127.0.0.1:{_free_port()}"
     with base(robots[0]) as got:
         for endpoint, right in (
             ("tcp/r1:7447", "like tls/192.168.1.12:7447"),
@@ -339,19 +339,19 @@ def test_the_command_prints_each_robots_result_and_exits_with_1_after_a_failure(
                 robots[0].endpoint: None
             }
         assert got == [Pause(), Resume()]
-        words = ("fleet", "stop", nobody, robots[0].endpoint, "--keys", str(keys))
+        words = ("fleet", "stop", closed, robots[0].endpoint, "--keys", str(keys))
         command = [sys.executable, "-m", "acrc_testbed.command_line", *words]  # it exits its process
         done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
     assert (done.returncode, done.stdout, done.stderr) == (
         1,
         f"acrc: {robots[0].endpoint}: stopped\n",
-        f"acrc: {nobody}: no connection within 2 s: connection refused\n",
+        f"acrc: {closed}: no connection within 2 s: connection refused\n",
     )
 
 
 def test_watching_continues_without_one_of_the_robots_and_reconnects(robots: list[Robot], keys: Path) -> None:
-    one, other, nobody = robots[0], robots[1], f"tls/127.0.0.1:{_free_port()}"
-    names = (nobody, one.endpoint, other.endpoint)
+    one, other, closed = robots[0], robots[1], f"tls/127.0.0.1:{_free_port()}"
+    names = (closed, one.endpoint, other.endpoint)
     words = ("fleet", "watch", *names, "--keys", str(keys))
     command = [sys.executable, "-u", "-m", "acrc_testbed.command_line", *words]
     with one.router() as first:
@@ -366,7 +366,7 @@ def test_watching_continues_without_one_of_the_robots_and_reconnects(robots: lis
 
         try:
             refused = "not connected, retrying: connection refused"
-            until(f"{nobody}  {refused}", f"{other.endpoint}  {refused}", f"{one.endpoint}  connected")
+            until(f"{closed}  {refused}", f"{other.endpoint}  {refused}", f"{one.endpoint}  connected")
             with other.router():
                 until(f"{other.endpoint}  connected")
             until(f"{other.endpoint}  connection lost, reconnecting")

@@ -91,7 +91,7 @@ class EmulationSetup(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     world: WorldSetup
     """Robots with the models turtlebot4 and turtlebot3_burger."""
     port: int
-    """Of the router on 127.0.0.1."""
+    """Port of the router on 127.0.0.1."""
     domain: int = 0
     robots: dict[str, EmulatedRobotOptions] = {}
 

@@ -42,12 +42,12 @@ PRINTED = {
     "geometry_msgs/msg/Pose": "RIHS01_d501954e9476cea2996984e812054b68026ae0bfae789d9a10b23daf35cc90fa",
     "geometry_msgs/msg/Transform": "RIHS01_beb83fbe698636351461f6f35d1abb20010c43d55374d81bd041f1ba2581fddc",
 }
-"""Of `ros2 topic info -v` and code that its output was copied into."""
+"""Published type hashes: output of `ros2 topic info -v`, and code that its output was copied into."""
 LOG_TOKEN = (
     "@ros2_lv/0/999bf91283606d2068c7524e5badfa6c/0/1/MP/%/%robot1/talker/%rosout/rcl_interfaces::msg::dds_::Log_/"
     "RIHS01_e28ce254ca8abc06abf92773b74602cdbf116ed34fbaf294fb9f81da9f318eac/:1:,1000:,:10,0:,,"
 )
-"""Of rmw_zenoh_cpp; issue 643 of ros2/rmw_zenoh."""
+"""Token printed by rmw_zenoh_cpp; issue 643 of ros2/rmw_zenoh."""
 
 
 def test_what_a_base_reads_and_writes_is_compared() -> None:
