@@ -1,64 +1,87 @@
-"""Decorator for this package's numba kernels, with a cache keyed by source content.
+"""Decorator for this package's numba kernels, which imports numba on the first call of a kernel.
 
 numba checks only a kernel's own file, not the files of kernels that it calls and inlines: after a change
-there it would run outdated code, and a run would have an outdated digest. This cache is keyed by the content
-of all sources that a kernel imports. It changes no global state of the process.
+there it would run outdated code, and a run would have an outdated digest. The cache is therefore keyed by the
+content of all sources that a kernel imports.
 """
 
 import hashlib
+import importlib
 import os
-import pickle
 import re
 import shutil
-import tempfile
-from collections.abc import Callable
+import sys
+from collections.abc import Callable, Mapping
 from contextlib import suppress
 from functools import cache as remembered
+from functools import cached_property
+from importlib.metadata import version
 from pathlib import Path
 from typing import Any, Final, TypeVar, cast
-
-import numba
-from numba.core.caching import CompileResultCacheImpl, FunctionCache, _CacheLocator
-from numba.core.serialize import dumps
-from numba.misc.appdirs import AppDirs
 
 F = TypeVar("F", bound=Callable[..., Any])
 _HERE: Final = Path(__file__).parent
 _COMPILED: Final = re.compile(r"import (?:\(\s*)?(?:njit|kernel)\b|(?:from|import) numba\b")
 _IMPORTED: Final = re.compile(r"(?:from|import) (actors[\w.]*)(?: import (\([^)]*\)|.*))?")
-_EXTENSIONS: Final = "actors.portable.compiled"
+_EXTENSIONS: Final = "actors.portable.extensions"
 """numba extensions for all kernels, whether imported or not."""
-_PART: Final = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True}
-"""Options of a kernel called by another kernel: no wrappers for Python and C, which unpack arguments."""
 _KEPT: Final = 2
 """Source states kept per module: the current and the previous one, in case the sources are reverted."""
 
 
-def njit(**options: Any) -> Any:
-    """Return `numba.njit` for a function of this package; `cache=True` uses this module's cache.
+class Kernel:
+    """A kernel that has not been called from Python yet.
 
-    Entry points for Python and for kernels are compiled separately, each on its first call: most kernels are
-    called by kernels only, and wrappers for Python take a tenth of the compile time.
+    The first call of any kernel replaces all kernels in the global names of modules by their dispatchers.
     """
+
+    def __init__(self, function: Callable[..., Any], options: Mapping[str, Any], *, cached: bool) -> None:
+        self.function, self.options, self.cached = function, options, cached
+        self.call: Callable[..., Any] = self
+        """Calls the kernel; for code that keeps it elsewhere than in a global name, such as a closure."""
+
+    @cached_property
+    def dispatcher(self) -> Any:
+        """The dispatcher of numba."""
+        return _numba().dispatcher(self)
+
+    def __call__(self, *arguments: Any) -> Any:
+        """Call the kernel."""
+        if self.call is self:
+            _bind_kernels()
+            self.call = self.dispatcher
+        return self.call(*arguments)
+
+
+def njit(**options: Any) -> Any:
+    """Return a decorator as `numba.njit`; `cache=True` uses this package's cache."""
     cached = options.pop("cache", False)
+    return lambda function: Kernel(function, options, cached=cached)
 
-    def decorated(function: Callable[..., Any]) -> Any:
-        def compiled(kind: str, **more: bool) -> Any:
-            kernel = numba.njit(**options, **more)(function)
-            if cached:
-                kernel._cache = _Cache(function, kind)
-            return kernel
 
-        @remembered  # created on first use: a kernel loaded from the cache needs none
-        def part() -> Any:
-            return compiled("part", **_PART)
+def _bind_kernels() -> None:
+    """Replace the kernels in the global names of all modules of this project."""
+    for module in list(sys.modules.values()):
+        names = getattr(module, "__dict__", {})
+        for name, value in list(names.items()):
+            if type(value) is Kernel:
+                names[name] = value.dispatcher
 
-        kernel = compiled("whole")
-        kernel.get_call_template = lambda *asked: part().get_call_template(*asked)
-        kernel.get_overload = lambda *asked: part().get_overload(*asked)
-        return kernel
 
-    return decorated
+@remembered
+def _numba() -> Any:
+    """Import the module that needs numba, without SciPy.
+
+    numba imports SciPy, where it is installed, for linear algebra in kernels, which none here uses.
+    """
+    hidden = "scipy" not in sys.modules
+    if hidden:
+        sys.modules["scipy"] = None  # type: ignore[assignment]
+    try:
+        return importlib.import_module("actors.kernel_dispatchers")
+    finally:
+        if hidden:
+            del sys.modules["scipy"]
 
 
 def kernel(function: F) -> F:
@@ -97,7 +120,7 @@ def imported_sources(source: Path) -> tuple[Path, ...]:
 @remembered
 def source_hash(sources: tuple[Path, ...]) -> str:
     """Return a hash of these files and numba's version."""
-    hashed = hashlib.sha256(numba.__version__.encode())
+    hashed = hashlib.sha256(version("numba").encode())
     for source in sources:
         hashed.update(_text(source).encode())
     return hashed.hexdigest()[:16]
@@ -120,87 +143,9 @@ def prune_cache() -> None:
             shutil.rmtree(folder, ignore_errors=True)
 
 
-class _Locator(_CacheLocator):  # type: ignore[misc]  # numba has no types
-    """Names the cache entries of a function for numba, by the content of its sources."""
-
-    def __init__(self, function: Callable[..., Any], file: str) -> None:
-        source = Path(file)
-        self._py_file = file  # required by numba's warnings
-        self._line = function.__code__.co_firstlineno
-        self._state = f"{_module(source)}-{source_hash(imported_sources(source))}"
-
-    @classmethod
-    def from_function(cls, py_func: Callable[..., Any], py_file: str) -> "_Locator":
-        return cls(py_func, py_file)
-
-    def ensure_cache_path(self) -> None:
-        """Do nothing: the folder is created on the first write."""
-
-    def get_cache_path(self) -> str:
-        return self._state
-
-    def get_source_stamp(self) -> str:
-        return self._state
-
-    def get_disambiguator(self) -> str:
-        return str(self._line)
-
-
-class _Impl(CompileResultCacheImpl):  # type: ignore[misc]
-    _locator_classes = (_Locator,)
-
-
-class _Cache(FunctionCache):  # type: ignore[misc]
-    _impl_class = _Impl
-
-    def __init__(self, function: Callable[..., Any], kind: str) -> None:
-        super().__init__(function)
-        base = f"{self._impl.locator.get_cache_path()}/{self._impl.filename_base}"
-        self._cache_file = _Files(f"{base}.{kind}")
-
-
-class _Files:
-    """Cache of a kernel: one file per signature and processor, without an index that could be corrupted."""
-
-    def __init__(self, base: str) -> None:
-        self._base = base
-
-    def load(self, key: object) -> Any:
-        """Return the saved data from the first folder that has it; None: no folder has it."""
-        for root in _roots():
-            with suppress(OSError, EOFError, pickle.UnpicklingError):
-                return pickle.loads((root / self._name(key)).read_bytes())
-        return None
-
-    def save(self, key: object, data: object) -> None:
-        """Save atomically in the first writable folder; without one, nothing is saved."""
-        content = dumps(data)
-        for root in _roots():
-            path = root / self._name(key)
-            with suppress(OSError):
-                path.parent.mkdir(parents=True, exist_ok=True)
-                with tempfile.NamedTemporaryFile(dir=path.parent, delete=False) as file:
-                    try:
-                        file.write(content)
-                        file.flush()
-                        Path(file.name).chmod(0o644)
-                        Path(file.name).replace(path)
-                    except OSError:
-                        Path(file.name).unlink(missing_ok=True)
-                        raise
-                return
-
-    def _name(self, key: object) -> str:
-        return f"{self._base}.{hashlib.sha256(repr(key).encode()).hexdigest()[:16]}.nbc"
-
-
-def _roots() -> tuple[Path, Path]:
-    return cache_folder(), Path(AppDirs(appname="acrc", appauthor=False).user_cache_dir, "kernels")
-
-
 @remembered
 def _named() -> dict[str, Path]:
-    return {_module(source): source for source in sorted(_HERE.rglob("*.py"))}
+    return {module_name(source): source for source in sorted(_HERE.rglob("*.py"))}
 
 
 @remembered
@@ -212,6 +157,7 @@ def _has_kernels(source: Path) -> bool:
     return _COMPILED.search(_text(source)) is not None
 
 
-def _module(source: Path) -> str:
+def module_name(source: Path) -> str:
+    """Return the dotted name of a source file of this package."""
     *folders, name = source.relative_to(_HERE.parent).with_suffix("").parts
     return ".".join(folders if name == "__init__" else (*folders, name))

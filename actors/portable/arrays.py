@@ -7,14 +7,14 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from actors.array_types import Floats
-from actors.kernels import kernel
+from actors.kernels import kernel, njit
 from actors.portable import compiled
 
 
 def _by_entry(function: Callable[[float], float]) -> Callable[[ArrayLike], Floats]:
     """Return the function applied to each entry of an array; same shape."""
 
-    @kernel
+    @njit(cache=True)  # type: ignore[untyped-decorator]
     def over(values: Floats, results: Floats) -> None:
         for i in range(values.size):
             results[i] = function(values[i])
@@ -22,7 +22,7 @@ def _by_entry(function: Callable[[float], float]) -> Callable[[ArrayLike], Float
     def by_entry(x: ArrayLike) -> Floats:
         values = np.array(x, np.float64, order="C")  # a copy, as read-only arrays would need separate kernels
         results = np.empty(values.shape)
-        over(values.reshape(-1), results.reshape(-1))
+        over.call(values.reshape(-1), results.reshape(-1))
         return results
 
     return by_entry

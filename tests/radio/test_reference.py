@@ -34,6 +34,7 @@ from acrc_testbed.benchmarks.radio_trials import (
     share,
 )
 from actors.ieee802154 import SYMBOL_NS
+from actors.radio.medium import reception
 from actors.radio.medium.medium import Medium, PoissonTraffic, Request, SaturatedTraffic
 from actors.radio.medium.reception import bit_error_rate, frame_error_rate
 from actors.radio.medium.state import EventKind
@@ -226,3 +227,7 @@ def test_a_difference_is_outside_where_it_is_too_great() -> None:
 @pytest.mark.parametrize(("t", "freedom", "z"), [(2.776, 4, 1.96), (4.604, 4, 2.576), (2.009, 50, 1.96)])
 def test_the_normal_score_is_exceeded_as_rarely(t: float, freedom: float, z: float) -> None:
     assert normal_score(t, freedom) == pytest.approx(z, rel=0.01)
+
+
+def test_the_table_of_bit_errors_is_what_its_formula_gives() -> None:
+    assert np.array_equal(reception.log_right_table(), reception._LOG_RIGHT)

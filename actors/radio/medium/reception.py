@@ -13,6 +13,7 @@ Stafford's mixers) is applied along the key. Further transceivers or steps do no
 """
 
 from math import comb
+from pathlib import Path
 from typing import Final
 
 import numpy as np
@@ -77,13 +78,13 @@ def frame_error_rate(snr_db: Floats, octets: int) -> Floats:
     return -arrays.expm1(bits * log_right)
 
 
-def _table() -> Floats:
-    log = arrays.log1p(-bit_error_rate(np.arange(int(CLEAN * _STEPS) + 2) / _STEPS))
-    log.setflags(write=False)
-    return log
+def log_right_table() -> Floats:
+    """Return the logarithms of `log_right` at the table's ratios, as in the file log_right.npy."""
+    return arrays.log1p(-bit_error_rate(np.arange(int(CLEAN * _STEPS) + 2) / _STEPS))
 
 
-_LOG_RIGHT: Final = _table()
+_LOG_RIGHT: Final[Floats] = np.load(Path(__file__).with_name("log_right.npy"))
+_LOG_RIGHT.setflags(write=False)
 
 
 @kernel
