@@ -9,23 +9,23 @@ from functools import cache as remembered
 from pathlib import Path
 from typing import Any, Final
 
+import llvmlite.binding as llvm
 import numba
 from numba import types
 from numba.core.caching import CompileResultCacheImpl, FunctionCache, _CacheLocator
-from numba.core.registry import cpu_target
+from numba.core.compiler import CompileResult, compile_result
+from numba.core.environment import Environment, lookup_environment
+from numba.core.runtime import rtsys
 from numba.core.serialize import dumps
 from numba.extending import typeof_impl
 from numba.misc.appdirs import AppDirs
 
-from actors.kernels import Kernel, cache_folder, imported_sources, module_name, source_hash
+from actors.kernels import Kernel, cache_folder, hidden_scipy, imported_sources, module_name, source_hash
 from actors.portable import extensions
 
 _PART: Final = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True}
 """Options of a kernel called by another kernel: no wrappers for Python and C, which unpack arguments."""
 extensions.register()
-# Load numba's registries now, as they import SciPy where the caller has not hidden it.
-cpu_target.typing_context.refresh()
-cpu_target.target_context.refresh()
 
 
 def dispatcher(kernel: Kernel) -> Any:
@@ -35,17 +35,14 @@ def dispatcher(kernel: Kernel) -> Any:
     called by kernels only, and wrappers for Python take a tenth of the compile time.
     """
 
-    def compiled(kind: str, **more: bool) -> Any:
-        made = numba.njit(**kernel.options, **more)(kernel.function)
-        if kernel.cached:
-            made._cache = _Cache(kernel.function, kind)
-        return made
-
     @remembered  # created on first use: a kernel loaded from the cache needs none
     def part() -> Any:
-        return compiled("part", **_PART)
+        made = numba.njit(**kernel.options, **_PART)(kernel.function)
+        made._cache = _Cache(kernel.function, "part", _Impl)
+        return made
 
-    whole = compiled("whole")
+    whole = numba.njit(**kernel.options)(kernel.function)
+    whole._cache = _Cache(kernel.function, "whole", _ObjectImpl)
     whole.get_call_template = lambda *asked: part().get_call_template(*asked)
     whole.get_overload = lambda *asked: part().get_overload(*asked)
     return whole
@@ -87,13 +84,65 @@ class _Impl(CompileResultCacheImpl):  # type: ignore[misc]
     _locator_classes = (_Locator,)
 
 
-class _Cache(FunctionCache):  # type: ignore[misc]
-    _impl_class = _Impl
+class _ObjectImpl(_Impl):
+    """Saves object code only, without the intermediate code for inlining, which takes longer to load."""
 
-    def __init__(self, function: Callable[..., Any], kind: str) -> None:
+    def reduce(self, cres: CompileResult) -> Any:
+        cres.fndesc.typemap = cres.fndesc.calltypes = None
+        environments = [(one.env_name, one.consts) for one in cres._find_referenced_environments()]
+        code = cres.library._get_compiled_object()
+        return code, cres.fndesc, cres.environment, cres.signature, environments
+
+    def rebuild(self, target_context: Any, payload: Any) -> CompileResult:
+        code, fndesc, environment, signature, environments = payload
+        rtsys.initialize(target_context)
+        library = _ObjectLoader(target_context.codegen(), code)
+        entry_point = target_context.get_executable(library, fndesc, environment)
+        for name, constants in environments:
+            library.codegen.set_env(name, _environment(name, constants))
+        return compile_result(
+            typing_context=target_context.typing_context, target_context=target_context, library=library,
+            environment=environment, entry_point=entry_point, fndesc=fndesc, signature=signature,
+            lifted=(), objectmode=False,
+        )  # fmt: skip
+
+
+def _environment(name: str, constants: list[Any]) -> Environment:
+    """Return numba's record of a compiled function's constants; only interpreted code uses its globals."""
+    found = lookup_environment(name)
+    if found is None:
+        found = Environment._memo[name] = Environment({})
+        found.env_name = name
+        found.consts[:] = constants
+    return found
+
+
+class _ObjectLoader:
+    """Loads object code of a kernel that is called from Python only."""
+
+    def __init__(self, codegen: Any, code: bytes) -> None:
+        self.codegen = codegen
+        engine = codegen._engine._ee
+        engine.add_object_file(llvm.ObjectFileRef.from_data(code))
+        engine.finalize_object()
+        self.get_pointer_to_function = engine.get_function_address
+
+
+class _Cache(FunctionCache):  # type: ignore[misc]
+    def __init__(self, function: Callable[..., Any], kind: str, impl: type[_Impl]) -> None:
+        self._impl_class = impl
         super().__init__(function)
         base = f"{self._impl.locator.get_cache_path()}/{self._impl.filename_base}"
         self._cache_file = _Files(f"{base}.{kind}")
+
+    def load_overload(self, sig: Any, target_context: Any) -> Any:
+        """Load without numba's registries of functions, which only compilation needs."""
+        found = self._load_overload(sig, target_context)
+        if found is None:
+            with hidden_scipy():
+                target_context.typing_context.refresh()
+                target_context.refresh()
+        return found
 
 
 class _Files:

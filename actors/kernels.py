@@ -11,8 +11,8 @@ import os
 import re
 import shutil
 import sys
-from collections.abc import Callable, Mapping
-from contextlib import suppress
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager, suppress
 from functools import cache as remembered
 from functools import cached_property
 from importlib.metadata import version
@@ -32,11 +32,11 @@ _KEPT: Final = 2
 class Kernel:
     """A kernel that has not been called from Python yet.
 
-    The first call of any kernel replaces all kernels in the global names of modules by their dispatchers.
+    Its first call replaces it by its dispatcher in the global names of all modules.
     """
 
-    def __init__(self, function: Callable[..., Any], options: Mapping[str, Any], *, cached: bool) -> None:
-        self.function, self.options, self.cached = function, options, cached
+    def __init__(self, function: Callable[..., Any], options: Mapping[str, Any]) -> None:
+        self.function, self.options = function, options
         self.call: Callable[..., Any] = self
         """Calls the kernel; for code that keeps it elsewhere than in a global name, such as a closure."""
 
@@ -48,37 +48,49 @@ class Kernel:
     def __call__(self, *arguments: Any) -> Any:
         """Call the kernel."""
         if self.call is self:
-            _bind_kernels()
             self.call = self.dispatcher
+        for names, name in _names_of(self):
+            names[name] = self.call
         return self.call(*arguments)
 
 
 def njit(**options: Any) -> Any:
-    """Return a decorator as `numba.njit`; `cache=True` uses this package's cache."""
-    cached = options.pop("cache", False)
-    return lambda function: Kernel(function, options, cached=cached)
+    """Return a decorator as `numba.njit`; results are cached by the content of the sources."""
+    return lambda function: Kernel(function, options)
 
 
-def _bind_kernels() -> None:
-    """Replace the kernels in the global names of all modules of this project."""
-    for module in list(sys.modules.values()):
-        names = getattr(module, "__dict__", {})
-        for name, value in list(names.items()):
+_searched: Final[set[str]] = set()
+"""Modules whose global names have been searched for kernels."""
+_found: Final[dict[Kernel, list[tuple[dict[str, Any], str]]]] = {}
+"""Global names of each kernel: the dictionary of the module and the name."""
+
+
+def _names_of(kernel: Kernel) -> list[tuple[dict[str, Any], str]]:
+    """Return the global names in which this kernel has to be replaced."""
+    for module in sys.modules.keys() - _searched:
+        names = getattr(sys.modules[module], "__dict__", {})
+        for name, value in names.items():
             if type(value) is Kernel:
-                names[name] = value.dispatcher
+                _found.setdefault(value, []).append((names, name))
+    _searched.update(sys.modules)
+    return _found.pop(kernel, [])
 
 
 @remembered
 def _numba() -> Any:
-    """Import the module that needs numba, without SciPy.
+    """Import the module that needs numba."""
+    with hidden_scipy():
+        return importlib.import_module("actors.kernel_dispatchers")
 
-    numba imports SciPy, where it is installed, for linear algebra in kernels, which none here uses.
-    """
+
+@contextmanager
+def hidden_scipy() -> Iterator[None]:
+    """Let numba import no SciPy, which it does where SciPy is installed, for linear algebra in kernels."""
     hidden = "scipy" not in sys.modules
     if hidden:
         sys.modules["scipy"] = None  # type: ignore[assignment]
     try:
-        return importlib.import_module("actors.kernel_dispatchers")
+        yield
     finally:
         if hidden:
             del sys.modules["scipy"]
@@ -86,7 +98,7 @@ def _numba() -> Any:
 
 def kernel(function: F) -> F:
     """Compile a function with `njit`, cached, keeping its type for type checkers."""
-    return cast(F, njit(cache=True)(function))
+    return cast(F, njit()(function))
 
 
 def cache_folder() -> Path:

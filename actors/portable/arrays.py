@@ -14,7 +14,7 @@ from actors.portable import compiled
 def _by_entry(function: Callable[[float], float]) -> Callable[[ArrayLike], Floats]:
     """Return the function applied to each entry of an array; same shape."""
 
-    @njit(cache=True)  # type: ignore[untyped-decorator]
+    @njit()  # type: ignore[untyped-decorator]
     def over(values: Floats, results: Floats) -> None:
         for i in range(values.size):
             results[i] = function(values[i])

@@ -47,7 +47,7 @@ def add_scaled(track: Floats, robots: Int64s, last: Floats, factors: Floats, est
             estimates[i, 2] += turn * factors[i, 2]
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@njit()  # type: ignore[untyped-decorator]
 def add_measured(
     track: Floats,
     robots: Int64s,

@@ -36,7 +36,7 @@ BODY = np.dtype(
 """A body's outline: a disc if it has no vertices, otherwise `radius` is its circumradius."""
 
 
-@njit(cache=True, error_model="numpy")  # type: ignore[untyped-decorator]
+@njit(error_model="numpy")  # type: ignore[untyped-decorator]
 def cast(squares: Octets, x: float, y: float, directions: Floats, reach: float, distances: Floats) -> None:
     """Compute distances from (x, y) to the first blocking cell along unit vectors (2, n); inf beyond reach.
 
@@ -57,7 +57,7 @@ def cast(squares: Octets, x: float, y: float, directions: Floats, reach: float, 
         distances[k] = _remaining_distance(squares, line, int(columns[k]), int(rows[k]), distances[k], reach)
 
 
-@njit(cache=True, error_model="numpy")  # type: ignore[untyped-decorator]
+@njit(error_model="numpy")  # type: ignore[untyped-decorator]
 def _first_leap(
     sides: Octets,
     x: float,
@@ -101,7 +101,7 @@ def _first_leap(
         distances[k] = distance
 
 
-@njit(cache=True, error_model="numpy")  # type: ignore[untyped-decorator]
+@njit(error_model="numpy")  # type: ignore[untyped-decorator]
 def _remaining_distance(
     squares: Octets, line: Ray, column: int, row: int, distance: float, reach: float
 ) -> float:

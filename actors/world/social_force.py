@@ -102,7 +102,7 @@ def _direction(x: float, y: float) -> tuple[float, float, float]:
     return length, x / length, y / length
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@njit()  # type: ignore[untyped-decorator]
 def _interaction(
     to_x: float, to_y: float, faster_x: float, faster_y: float, apart: float
 ) -> tuple[float, float]:

@@ -17,7 +17,7 @@ from numba import njit
 from numpy.typing import NDArray
 from scipy import stats
 
-from actors import portable
+from actors import kernel_dispatchers, portable
 from actors.portable import arrays, compiled, elementary
 from actors.portable.draws import exponentials, normals, normals_of_each, uniforms
 from actors.portable.elementary import normal_quantile
@@ -131,6 +131,9 @@ def _distance(result: float, exact: Any) -> float:
     if result == nearest:
         return float(abs(exact - nearest) / math.ulp(nearest)) if math.isfinite(nearest) else 0.0
     return float(abs(exact - result) / math.ulp(nearest)) if math.isfinite(result) else math.inf
+
+
+assert kernel_dispatchers, "registers the functions with numba"
 
 
 @lru_cache

@@ -91,7 +91,7 @@ ACK_WAIT_NS: Final = 54 * SYMBOL_NS
 """macAckWaitDuration: a unit back-off, a turnaround, the header and six octets (7.4.2)."""
 
 _KINDS: Final = 1 << 32
-_airtime_ns: Final = njit(cache=True)(ieee802154.airtime_ns)
+_airtime_ns: Final = njit()(ieee802154.airtime_ns)
 
 
 @kernel

@@ -34,7 +34,7 @@ _KINDS: Final = 1 << 32
 _HALF_DB: Final = 3.0103
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@njit()  # type: ignore[untyped-decorator]
 def run(st: MediumState, outside: ExternalInputs, until: int, include_ends: bool, loss_db: Floats) -> int:
     """Run everything before `until`, and ends of frames at `until` itself if `include_ends`.
 
@@ -177,7 +177,7 @@ def _invalidate_row(st: MediumState, number: int) -> None:
         st.transceivers[number].row = 0
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@njit()  # type: ignore[untyped-decorator]
 def switch_on(st: MediumState, number: int) -> None:
     """Power a transceiver; it can receive at once."""
     medium, transceiver = st.medium, st.transceivers[number]
@@ -192,7 +192,7 @@ def switch_on(st: MediumState, number: int) -> None:
     receiver.unlock_ns = -NEVER
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@njit()  # type: ignore[untyped-decorator]
 def switch_off(st: MediumState, number: int) -> None:
     """Switch a transceiver off: cut its frame, clear its queue, abort its reception."""
     medium, transceiver = st.medium, st.transceivers[number]
@@ -233,7 +233,7 @@ def _cut_frame(st: MediumState, sender: int) -> None:
         count(st, sender)
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@njit()  # type: ignore[untyped-decorator]
 def offer(st: MediumState, number: int, kind: int, after: int) -> None:
     """Generate a transceiver's traffic from now; saturated traffic begins `after` ns from now."""
     traffic = st.transceivers[number].traffic

@@ -58,7 +58,7 @@ def fingerprint() -> bytes:
     return b"" if packed is None else packed + buffers.unpacked(packed, len(ranges))
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@njit()  # type: ignore[untyped-decorator]
 def _width(mean: int) -> int:
     """Return k for the next residual."""
     k = 0
@@ -67,13 +67,13 @@ def _width(mean: int) -> int:
     return k
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@njit()  # type: ignore[untyped-decorator]
 def _guess(last: np.int64, before: np.int64) -> np.int64:
     step = last - before
     return last + step if -_GENTLE < step < _GENTLE else last
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@njit()  # type: ignore[untyped-decorator]
 def _pack(plain: Octets, count: int, packed: Octets) -> int:
     """Compress; return the number of bytes in `packed`, or 0 if they would not be fewer."""
     before = last = held = np.int64(0)
@@ -105,7 +105,7 @@ def _pack(plain: Octets, count: int, packed: Octets) -> int:
     return at
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@njit()  # type: ignore[untyped-decorator]
 def _unpack(packed: Octets, size: int, count: int, plain: Octets) -> bool:
     """Decompress; return False if the bytes are not the output of `_pack` for `count` ranges."""
     before = last = held = np.int64(0)
