@@ -219,15 +219,15 @@ def outline(grid: OccupancyGrid, *, beyond: bool = True) -> Floats:
     """
     ringed = np.full((grid.rows + 2, grid.columns + 2), beyond)
     ringed[1:-1, 1:-1] = grid.blocking
-    y, x0, x1 = _runs(ringed[1:, 1:-1] != ringed[:-1, 1:-1])
+    y, x0, x1 = runs(ringed[1:, 1:-1] != ringed[:-1, 1:-1])
     horizontal = np.stack([x0, y, x1, y], axis=1)
-    x, y0, y1 = _runs((ringed[1:-1, 1:] != ringed[1:-1, :-1]).T)
+    x, y0, y1 = runs((ringed[1:-1, 1:] != ringed[1:-1, :-1]).T)
     vertical = np.stack([x, y0, x, y1], axis=1)
     corner = np.array([grid.origin.x, grid.origin.y, grid.origin.x, grid.origin.y])
     return corner + np.concatenate([horizontal, vertical]) * grid.resolution
 
 
-def _runs(edges: Flags) -> tuple[Indices, Indices, Indices]:
+def runs(edges: Flags) -> tuple[Indices, Indices, Indices]:
     """Return line, begin and end (exclusive) of each run of True along the rows of `edges`, in order."""
     ended = np.zeros((edges.shape[0], edges.shape[1] + 2), dtype=np.int8)
     ended[:, 1:-1] = edges

@@ -1,18 +1,19 @@
 """Exact and fast ray casting against the floor plan and bodies."""
 
 import math
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 
 from actors.array_types import Floats, Int64s, Octets, Records, UInt16s
+from actors.floor.grid import runs
 from actors.floor.raster import (
     Ray,
     bearing_to,
     cell_after,
     free_squares,
     half_width,
-    quadrant,
+    ray,
     square_at,
     window,
 )
@@ -36,6 +37,22 @@ BODY = np.dtype(
 """A body's outline: a disc if it has no vertices, otherwise `radius` is its circumradius."""
 
 
+def wall_faces(squares: Octets) -> tuple[Floats, Int64s]:
+    """Return the border of free and blocking cells as (4, n) of line, begin, end and side, and (5,) bounds.
+
+    squares: of `free_squares`. Units are cells; a face is of maximum length. Side 0: the wall is north of row
+    `line`, 1: south; 2: east of column `line`, 3: west. The faces of side k, ordered by line, are
+    bounds[k] to bounds[k + 1].
+    """
+    wall = squares[0] == 0
+    faces: list[Floats] = []
+    for side, cells in enumerate((wall, wall, wall.T, wall.T)):
+        low, high = cells[:-1], cells[1:]
+        line, begin, end = runs(high & ~low if side % 2 == 0 else low & ~high)
+        faces.append(np.array([line + 1, begin, end, np.full(line.size, side)], np.float64))
+    return np.concatenate(faces, axis=1), np.cumsum([0, *(part.shape[1] for part in faces)])
+
+
 @njit(error_model="numpy")  # type: ignore[untyped-decorator]
 def cast(squares: Octets, x: float, y: float, directions: Floats, reach: float, distances: Floats) -> None:
     """Compute distances from (x, y) to the first blocking cell along unit vectors (2, n); inf beyond reach.
@@ -43,71 +60,16 @@ def cast(squares: Octets, x: float, y: float, directions: Floats, reach: float, 
     squares: of `free_squares`; distances (n,), written. Units are cells; the distance is 0 from a blocking
     cell or from outside of the map.
     """
-    column, row = math.floor(x), math.floor(y)
-    distances[:] = 0.0
-    if not (0 <= column < squares.shape[2] and 0 <= row < squares.shape[1]) or not squares[0, row, column]:
-        return
-    per_x, per_y, columns, rows = np.empty((4, distances.size))
-    _first_leap(
-        squares[:, row, column], x, y, directions[0], directions[1], per_x, per_y, columns, rows, distances
-    )
     for k in range(distances.size):
-        dx, dy = directions[0, k], directions[1, k]
-        line = Ray(x, y, dx, dy, per_x[k], per_y[k], quadrant(dx, dy))
-        distances[k] = _remaining_distance(squares, line, int(columns[k]), int(rows[k]), distances[k], reach)
+        distances[k] = _cast_ray(squares, ray(x, y, directions[0, k], directions[1, k]), reach)
 
 
 @njit(error_model="numpy")  # type: ignore[untyped-decorator]
-def _first_leap(
-    sides: Octets,
-    x: float,
-    y: float,
-    dx: Floats,
-    dy: Floats,
-    per_x: Floats,
-    per_y: Floats,
-    columns: Floats,
-    rows: Floats,
-    distances: Floats,
-) -> None:
-    """Compute the first leap of all rays from a point, as `square_at` and `cell_after`.
-
-    sides (4,): of the squares around the point, by quadrant; dx, dy (n,); the others (n,), written: values of
-    `Ray`, column and row of the cell entered, and the distance along the ray.
-
-    All rays leap out of the same four squares. As this needs no look at the map, compilers vectorise it,
-    provided that all numbers are floats and the arrays do not overlap.
-    """
-    north_east, north_west = float(sides[0]), float(sides[1])
-    south_east, south_west = float(sides[2]), float(sides[3])
-    column, row = float(math.floor(x)), float(math.floor(y))
-    for k in range(distances.size):
-        ray_x, ray_y = dx[k], dy[k]
-        inverse_x = 1 / ray_x if ray_x != 0 else 1e300
-        inverse_y = 1 / ray_y if ray_y != 0 else 1e300
-        east, north = ray_x >= 0, ray_y >= 0
-        side = (north_east if east else north_west) if north else (south_east if east else south_west)
-        left = column if east else column - side + 1
-        bottom = row if north else row - side + 1
-        border_x = column + side if east else left
-        border_y = row + side if north else bottom
-        to_x, to_y = (border_x - x) * inverse_x, (border_y - y) * inverse_y
-        distance = to_x if to_x < to_y else to_y
-        at_x = min(max(np.floor(x + distance * ray_x), left), left + side - 1)
-        at_y = min(max(np.floor(y + distance * ray_y), bottom), bottom + side - 1)
-        per_x[k], per_y[k] = inverse_x, inverse_y
-        columns[k] = (border_x if east else border_x - 1) if to_x < to_y else at_x
-        rows[k] = at_y if to_x < to_y else (border_y if north else border_y - 1)
-        distances[k] = distance
-
-
-@njit(error_model="numpy")  # type: ignore[untyped-decorator]
-def _remaining_distance(
-    squares: Octets, line: Ray, column: int, row: int, distance: float, reach: float
-) -> float:
-    """Return the distance to the first blocking cell of a ray from a cell on its way; inf beyond reach."""
-    if distance > reach:
-        return math.inf
+def _cast_ray(squares: Octets, line: Ray, reach: float) -> float:
+    """Return the distance from the start of a ray to the first blocking cell, see `cast`."""
+    column, row, distance = math.floor(line.x), math.floor(line.y), 0.0
+    if not (0 <= column < squares.shape[2] and 0 <= row < squares.shape[1]):
+        return distance
     sides = squares[line.quadrant]
     side = int(sides[np.uint64(row), np.uint64(column)])  # unsigned, as numba wraps negative indices
     while side:
@@ -118,6 +80,102 @@ def _remaining_distance(
         column, row = cell_after(line, square, distance)
         side = int(sides[np.uint64(row), np.uint64(column)])
     return distance
+
+
+_MARGIN: Final = 1e-3
+"""Distance from the lines between cells, cells, within which `_cast_fan` does not cast."""
+_UNSURE: Final = 1e-4
+"""Angle between a ray and a corner, in increments, within which the traversal decides what the ray hits."""
+
+
+@njit(error_model="numpy")  # type: ignore[untyped-decorator]
+def cast_fan(
+    squares: Octets,
+    faces: Floats,
+    bounds: Int64s,
+    x: float,
+    y: float,
+    bearing: float,
+    increment: float,
+    directions: Floats,
+    reach: float,
+    distances: Floats,
+) -> None:
+    """Compute the results of `cast`, bit for bit, for rays from the angle `bearing` on, `increment` apart.
+
+    faces, bounds: of `wall_faces`. Each face near the sensor shortens the rays between its ends. The
+    traversal of cells computes rays near a corner, and all rays if there are too many faces, or from a place
+    near a line between cells, where rounding errors decide.
+    """
+    near = np.empty(distances.size // 2, np.int64)
+    found = _faces_near(faces, bounds, x, y, reach + 1.0, near)
+    off_x, off_y = abs(x - math.floor(x + 0.5)), abs(y - math.floor(y + 0.5))
+    inside = 0 <= x < squares.shape[2] and 0 <= y < squares.shape[1]
+    if not inside or squares[0, int(y), int(x)] == 0 or min(off_x, off_y) < _MARGIN or found > near.size:
+        cast(squares, x, y, directions, reach, distances)
+        return
+    per = np.empty((2, distances.size))
+    for axis in range(2):
+        for k in range(distances.size):
+            along = directions[axis, k]
+            per[axis, k] = 1 / along if along != 0 else 1e300
+    distances[:] = math.inf
+    for face in near[:found]:
+        _shorten(faces[:, face], x, y, bearing, increment, per, distances)
+    for k in range(distances.size):
+        if distances[k] < 0:
+            line = ray(x, y, directions[0, k], directions[1, k])
+            distances[k] = _cast_ray(squares, line, reach)
+        elif distances[k] > reach:
+            distances[k] = math.inf
+
+
+@kernel
+def _faces_near(faces: Floats, bounds: Int64s, x: float, y: float, reach: float, near: Int64s) -> int:
+    """Write the faces towards (x, y) within reach; return their number, more than near.size if too many."""
+    found = 0
+    for side in range(4):
+        across, along = (y, x) if side < 2 else (x, y)
+        low = across if side % 2 == 0 else across - reach
+        lines = faces[0, bounds[side] : bounds[side + 1]]
+        begin, end = np.searchsorted(lines, low), np.searchsorted(lines, low + reach)
+        for face in range(bounds[side] + begin, bounds[side] + end):
+            if faces[1, face] < along + reach and faces[2, face] > along - reach:
+                if found < near.size:
+                    near[found] = face
+                found += 1
+    return found
+
+
+@kernel
+def _shorten(
+    face: Floats, x: float, y: float, bearing: float, increment: float, per: Floats, distances: Floats
+) -> None:
+    """Shorten the distances of rays that hit a face, (4,); negative: near one of its ends.
+
+    per (2, rays): distance along each ray per unit of x and of y.
+    """
+    side, turn = int(face[3]), 2 * math.pi / increment
+    if side < 2:
+        ahead, begin, end = face[0] - y, face[1] - x, face[2] - x
+        low, high = bearing_to(begin, ahead, bearing, 0.0), bearing_to(end, ahead, bearing, 0.0)
+    else:
+        ahead, begin, end = face[0] - x, face[1] - y, face[2] - y
+        low, high = bearing_to(ahead, begin, bearing, 0.0), bearing_to(ahead, end, bearing, 0.0)
+    if side in (0, 3):
+        low, high = high, low
+    low, high = low / increment, high / increment
+    if high < low:
+        high += turn
+    rays = per[0 if side > 1 else 1]
+    for _ in range(2):
+        for k in range(max(math.ceil(low), 0), min(math.floor(high) + 1, distances.size)):
+            distances[k] = min(distances[k], ahead * rays[k])
+        for edge in (low, high):
+            k = math.floor(edge + 0.5)
+            if 0 <= k < distances.size and abs(edge - k) < _UNSURE:
+                distances[k] = -1.0
+        low, high = low - turn, high - turn
 
 
 @kernel
@@ -192,6 +250,8 @@ def _vertices_at(body: Any, pose: Floats, vertices: Floats, x: float, y: float) 
 @kernel
 def sweep(
     squares: Octets,
+    faces: Floats,
+    bounds: Int64s,
     resolution: float,
     west: float,
     south: float,
@@ -207,9 +267,10 @@ def sweep(
 ) -> None:
     """Compute the true ranges of all due sensors, m; inf beyond a sensor's reach.
 
-    west, south: the map's corner; due (k,): robots; poses (n, 3); sensors (n,) of SENSOR; table (m, 2):
-    cosine and sine of the rays in the body's frame; bodies (n,) of BODY; vertices (v, 2) in the body's frame;
-    obstacles (o, 3): x, y, radius; starts (k,): index of each scan in ranges, written.
+    squares, faces, bounds: see `cast_fan`; west, south: the map's corner; due (k,): robots; poses (n, 3);
+    sensors (n,) of SENSOR; table (m, 2): cosine and sine of the rays in the body's frame; bodies (n,) of
+    BODY; vertices (v, 2) in the body's frame; obstacles (o, 3): x, y, radius; starts (k,): index of each scan
+    in ranges, written.
     """
     nothing = np.empty((0, 2))
     for scan in range(due.size):
@@ -225,9 +286,10 @@ def sweep(
         for k in range(sensor.rays):
             ray_x, ray_y = table[sensor.table + k, 0], table[sensor.table + k, 1]
             directions[0, k], directions[1, k] = c * ray_x - s * ray_y, s * ray_x + c * ray_y
-        cast(squares, column, row, directions, reach, found)
-        found *= resolution
         heading = poses[own, 2] + sensor.heading
+        fan = heading + sensor.first_angle, sensor.increment
+        cast_fan(squares, faces, bounds, column, row, *fan, directions, reach, found)
+        found *= resolution
         for other in range(bodies.size):
             body: Any = bodies[other]
             away_x, away_y = poses[other, 0] - x, poses[other, 1] - y
@@ -291,7 +353,8 @@ def fingerprint() -> bytes:
     obstacles = np.array([[1.0, 0.9, 0.05]])
     due, ranges, starts = np.arange(2), np.empty(321), np.array([0, 310])
     carriers = due, poses, sensors, table, bodies, corners
-    sweep(squares, 0.05, 0.0, 0.0, *carriers, obstacles, starts, ranges)
+    faces, bounds = wall_faces(squares)
+    sweep(squares, faces, bounds, 0.05, 0.0, 0.0, *carriers, obstacles, starts, ranges)
     report = np.empty(321, np.uint16)
     report_ranges(ranges, arrays.cos(np.arange(310.0)), due, sensors, starts, report)
     return squares.tobytes() + ranges.tobytes() + report.tobytes()

@@ -17,7 +17,7 @@ from actors.portable import arrays, hypot
 from actors.portable.draws import normals_of_each
 from actors.robot_model import RangeSensor, RobotModel, scan_angles
 from actors.world.battery import EnergyReport
-from actors.world.rays import BODY, SENSOR, report_ranges, sweep
+from actors.world.rays import BODY, SENSOR, report_ranges, sweep, wall_faces
 
 
 class RangeSensors:
@@ -50,6 +50,7 @@ class RangeSensors:
         """Replace the floor plan."""
         self._grid = grid
         self._squares = free_squares(grid.blocking)
+        self._faces = wall_faces(self._squares)
 
     def scan(self, due: Sequence[int], poses: Floats, obstacles: Floats) -> list[UInt16s]:
         """Return a scan of each robot in `due`: (rays,) mm, 65535 = no echo.
@@ -63,8 +64,8 @@ class RangeSensors:
         ranges = np.empty(int(ends[-1]) if ends.size else 0)
         plan = self._grid
         sweep(
-            self._squares, plan.resolution, *plan.origin, robots, poses, self._sensors, self._table,
-            self._bodies, self._vertices, obstacles, starts, ranges,
+            self._squares, *self._faces, plan.resolution, *plan.origin, robots, poses, self._sensors,
+            self._table, self._bodies, self._vertices, obstacles, starts, ranges,
         )  # fmt: skip
         draws = normals_of_each([self._generators[i] for i in due], [self._draws[i] for i in due])
         report = np.empty(ranges.size, np.uint16)

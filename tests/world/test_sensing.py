@@ -134,6 +134,24 @@ def test_a_ray_that_starts_in_a_wall_or_outside_of_the_map_is_at_its_end() -> No
         assert cast(squares, x, y, 1.0, 0.0, 50.0) == 0.0
 
 
+@pytest.mark.parametrize("share", [0.0, 0.003, 0.02, 0.2])
+@pytest.mark.parametrize("view", [0.3, 2.0, math.tau])
+def test_a_fan_has_the_distances_of_single_rays_bit_for_bit(share: float, view: float) -> None:
+    squares = free_squares(clutter(7, share=share).blocking)
+    faces = rays.wall_faces(squares)
+    rng, n = np.random.default_rng(5), 200
+    offsets = [*rng.random((40, 2)), *rng.choice([0.0, 0.5, 1e-13, 2e-3], (20, 2))]
+    turns = [*rng.uniform(-math.pi, math.pi, 40), *rng.choice(np.arange(8) * math.pi / 4, 20)]
+    for offset, bearing in zip(offsets, turns, strict=True):
+        x, y = rng.integers(15, 30, 2) + offset
+        angles = bearing + view / n * np.arange(n)
+        directions = np.stack([np.cos(angles), np.sin(angles)])
+        alone, together = np.empty((2, n))
+        rays.cast(squares, x, y, directions, 30.0, alone)
+        rays.cast_fan(squares, *faces, x, y, bearing, view / n, directions, 30.0, together)
+        assert np.array_equal(alone, together)
+
+
 @pytest.mark.parametrize("seed", range(4))
 @pytest.mark.parametrize(("view", "seer"), [(360, TURTLEBOT), (58, TURTLEBOT), (58, OMNIBOX), (200, OMNIBOX)])
 def test_ranges_are_those_of_outlines_cut_with_rays(seed: int, view: float, seer: RobotModel) -> None:
