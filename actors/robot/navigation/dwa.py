@@ -32,23 +32,18 @@ def count_of(speed: float, turn: float, w: Any) -> int:
 
 
 @kernel
-def start_of(pose: Floats) -> Floats:
+def start_of(pose: Floats) -> tuple[float, float]:
     """Return cosine and sine of the initial heading of trajectories; `pose` as for `cheapest_velocity`."""
-    c, s = cos_sin(float(np.float32(pose[2])))
-    return np.array([c, s])
+    return cos_sin(float(np.float32(pose[2])))
 
 
 @kernel
-def predict_end(
-    point: Floats, pose: Floats, start: Floats, speed: float, turn: float, path: Int32s, w: Any
-) -> bool:
-    """Write a trajectory's end into `point`: x, y, cosine and sine; return True if its cell is certain.
+def write_arc(arc: Floats, turn: float, count: int, w: Any) -> None:
+    """Write the arc of `count` points at a turn rate: `count`; x and y of its end at a step of 1; its angle.
 
-    False near the border of a cell, and if centre or nose are outside the window.
+    The angle as cosine and sine.
     """
-    count = count_of(speed, turn, w)
-    step = w.horizon / count
-    ahead, steps = speed * step / w.cell, count - 1
+    step, steps = w.horizon / count, count - 1
     end_c, end_s = cos_sin(steps * turn * step)
     half_c, half_s = cos_sin(0.5 * turn * step)
     right, up = float(steps), 0.0
@@ -57,13 +52,25 @@ def predict_end(
         # exp(iφ) - 1 = 2i sin(φ/2) exp(iφ/2)
         right = 0.5 * (end_s * half_c - (end_c - 1.0) * half_s) / half_s
         up = 0.5 * ((1.0 - end_c) * half_c - end_s * half_s) / half_s
-    c, s = start
-    point[0] = (pose[0] - pose[3]) / w.cell + ahead * (c * right - s * up)
-    point[1] = (pose[1] - pose[4]) / w.cell + ahead * (s * right + c * up)
-    point[2], point[3] = c * end_c - s * end_s, s * end_c + c * end_s
-    nose_x, nose_y = point[0] + w.nose * point[2], point[1] + w.nose * point[3]
-    clear = _is_clear(point[0]) and _is_clear(point[1]) and _is_clear(nose_x) and _is_clear(nose_y)
-    return bool(clear and _is_inside(point, path, w.nose))
+    arc[0], arc[1], arc[2], arc[3], arc[4] = count, right, up, end_c, end_s
+
+
+@kernel
+def predict_end(
+    begin: tuple[float, float, float, float], ahead: float, arc: Floats, nose: float, path: Int32s
+) -> tuple[bool, float, float, float, float]:
+    """Return whether the cells of a trajectory's end are certain, and x and y of its end and of its nose.
+
+    Not certain near the border of a cell, and if centre or nose are outside the window. `begin`: x, y, cosine
+    and sine. `ahead`: length of a step, cells. `arc`: of `write_arc`.
+    """
+    x, y, c, s = begin
+    x += ahead * (c * arc[1] - s * arc[2])
+    y += ahead * (s * arc[1] + c * arc[2])
+    nose_x, nose_y = x + nose * (c * arc[3] - s * arc[4]), y + nose * (s * arc[3] + c * arc[4])
+    # all of them, since branches would cost more
+    clear = _is_clear(x) & _is_clear(y) & _is_clear(nose_x) & _is_clear(nose_y)
+    return clear & _is_inside(x, y, nose_x, nose_y, path), x, y, nose_x, nose_y
 
 
 @kernel
@@ -73,25 +80,28 @@ def _is_clear(place: float) -> bool:
 
 
 @kernel
-def _is_inside(point: Floats, path: Int32s, nose: float) -> bool:
+def _is_inside(x: float, y: float, nose_x: float, nose_y: float, path: Int32s) -> bool:
     """Return True if centre and nose are in the window."""
-    x, y = point[0], point[1]
-    nose_x, nose_y = x + nose * point[2], y + nose * point[3]
     rows, columns = path.shape
-    beside = 0.0 <= x < columns and 0.0 <= nose_x < columns
-    return bool(beside and 0.0 <= y < rows and 0.0 <= nose_y < rows)
+    lowest, right, up = min(x, y, nose_x, nose_y), max(x, nose_x), max(y, nose_y)
+    return (lowest >= 0.0) & (right < columns) & (up < rows)
+
+
+@kernel
+def _is_reachable(row: int, column: int, waves: Waves) -> bool:
+    """Return True if path and goal are reachable from a cell."""
+    return bool(max(waves.path[row, column], waves.goal[row, column]) < waves.path.size)
 
 
 @kernel
 def simulate(
-    points: Floats, pose: Floats, start: Floats, speed: float, turn: float, waves: Waves, w: Any
+    points: Floats, pose: Floats, start: tuple[float, float], speed: float, turn: float, waves: Waves, w: Any
 ) -> int:
     """Write a trajectory's points, each x, y, cosine and sine; return their number.
 
     0 if a point or its nose is outside the window, or if a point is unreachable from path or goal; then the
     points are meaningless (MapGridCostFunction::scoreTrajectory).
     """
-    path, goal = waves.path, waves.goal
     count = count_of(speed, turn, w)
     step = w.horizon / count
     turned_c, turned_s = cos_sin(turn * step)
@@ -101,13 +111,11 @@ def simulate(
         # correct the heading's rounding error, 1e-6 rad, to first order
         off = float(heading) - exact
         rounded_c, rounded_s = c - s * off, s + c * off
-        point = points[k]
-        point[0], point[1] = (float(x) - pose[3]) / w.cell, (float(y) - pose[4]) / w.cell
-        point[2], point[3] = rounded_c, rounded_s
-        if not _is_inside(point, path, w.nose):
+        column, row = (float(x) - pose[3]) / w.cell, (float(y) - pose[4]) / w.cell
+        points[k, 0], points[k, 1], points[k, 2], points[k, 3] = column, row, rounded_c, rounded_s
+        if not _is_inside(column, row, column + w.nose * rounded_c, row + w.nose * rounded_s, waves.path):
             return 0
-        row, column = int(point[1]), int(point[0])
-        if path[row, column] >= path.size or goal[row, column] >= goal.size:
+        if not _is_reachable(int(row), int(column), waves):
             return 0
         x = np.float32(float(x) + speed * rounded_c * step)
         y = np.float32(float(y) + speed * rounded_s * step)
@@ -121,9 +129,9 @@ INVALID: Final = -1.0
 """Cost of an invalid trajectory."""
 _NEARLY: Final = 1e-4
 """Tolerance of the least speed (SimpleTrajectoryGenerator::generateTrajectory)."""
-_BEYOND: Final = 2.7
+_BEYOND: Final = 2.0
 """Distance of a mark from the outline's corners, cells, beyond which they cannot meet: half a diagonal to the
-centre of the robot's cell, the same for a corner's cell, and the deviation of a line of cells."""
+centre of the robot's cell, the same for a corner's cell, and half a cell of deviation of a line of cells."""
 
 _PARAMETERS: Final = (
     "obstacle", "front", "alignment", "path", "goal", "nose", "cell", "horizon", "stride", "turn_stride",
@@ -226,11 +234,9 @@ def _collides(
 
 
 @kernel
-def _cost(obstacle: float, point: Floats, waves: Waves, w: Any) -> float:
-    """Return the sum of the critics' costs at a trajectory's last point, in the original's order."""
-    x, y = point[0], point[1]
-    row, column = int(y), int(x)
-    ahead, beside = int(y + w.nose * point[3]), int(x + w.nose * point[2])
+def _cost(obstacle: float, x: float, y: float, nose_x: float, nose_y: float, waves: Waves, w: Any) -> float:
+    """Return the sum of the critics' costs at a trajectory's end, in the original's order."""
+    row, column, ahead, beside = int(y), int(x), int(nose_y), int(nose_x)
     cost = w.obstacle * obstacle
     cost += w.front * waves.front[ahead, beside]
     if w.alignment != 0.0:
@@ -262,33 +268,73 @@ def cheapest_velocity(
     """
     w = critics[0]
     start = start_of(pose)
-    far = 0.0
+    far = _BEYOND
     for corner in range(outline.shape[0]):
-        far = max(
-            far, math.sqrt(outline[corner, 0] * outline[corner, 0] + outline[corner, 1] * outline[corner, 1])
-        )
-    far += _BEYOND
+        x, y = outline[corner, 0], outline[corner, 1]
+        far = max(far, _BEYOND + math.sqrt(x * x + y * y))
     most = count_of(max(abs(speeds[0]), abs(speeds[-1])), max(abs(turns[0]), abs(turns[-1])), w)
     points = np.empty((most + 1, 4))
-    best_speed, best_turn, lowest = 0.0, 0.0, INVALID
-    for speed_sample in speeds:
-        for turn_sample in turns:
-            speed, turn = float(speed_sample), float(turn_sample)
+    bounds = _lower_bounds(pose, speeds, turns, barred, squared, waves, table, w)
+    first, lowest = -1, INVALID
+    for trial in range(-_FIRST_TRIALS, bounds.size):
+        # the first ones are those with the lowest bounds, whose costs rule out most of the others
+        k = trial if trial >= 0 else int(bounds.argmin())
+        bound = bounds[k]
+        if bound == math.inf or (first >= 0 and (bound > lowest or (bound == lowest and k > first))):
+            continue
+        bounds[k] = math.inf
+        speed, turn = float(speeds[k // turns.size]), float(turns[k % turns.size])
+        count = simulate(points, pose, start, speed, turn, waves, w)
+        if count == 0:
+            continue
+        x, y, c, s = points[count - 1, 0], points[count - 1, 1], points[count - 1, 2], points[count - 1, 3]
+        below = cost_below(squared, table, x, y, c, s, outline)
+        highest = max(below, table[squared[int(y), int(x)]])
+        cost = _cost(highest, x, y, x + w.nose * c, y + w.nose * s, waves, w)
+        cheaper = first < 0 or cost < lowest or (cost == lowest and k < first)
+        if below >= 0 and cheaper and not _collides(points, count - 1, far, squared, table, outline):
+            first, lowest = k, cost
+    if first < 0:
+        return 0.0, 0.0, INVALID
+    return float(speeds[first // turns.size]), float(turns[first % turns.size]), lowest
+
+
+_FIRST_TRIALS: Final = 3
+"""Number of trajectories with the lowest bounds that are tried first."""
+
+
+@kernel
+def _lower_bounds(
+    pose: Floats,
+    speeds: Singles,
+    turns: Singles,
+    barred: Flags,
+    squared: Int16s,
+    waves: Waves,
+    table: Octets,
+    w: Any,
+) -> Floats:
+    """Return lower bounds of the costs of all trajectories, speeds in the outer loop; inf if invalid.
+
+    The bound has the cost of the end's centre instead of that below the body; -inf if the end is uncertain.
+    """
+    begin = (pose[0] - pose[3]) / w.cell, (pose[1] - pose[4]) / w.cell, *start_of(pose)
+    arcs = np.zeros((turns.size, 5))
+    bounds = np.full((speeds.size, turns.size), math.inf)
+    for i in range(speeds.size):
+        speed = float(speeds[i])
+        for j in range(turns.size):
+            turn, arc = float(turns[j]), arcs[j]
             if _is_barred(speed, turn, barred, w):
                 continue
-            # the centre's cost is a lower bound: skip most trajectories without simulating them
-            if lowest >= 0.0 and predict_end(points[0], pose, start, speed, turn, waves.path, w):
-                centre = table[squared[int(points[0, 1]), int(points[0, 0])]]
-                if _cost(centre, points[0], waves, w) >= lowest:
-                    continue
-            count = simulate(points, pose, start, speed, turn, waves, w)
-            if count == 0:
-                continue
-            last = points[count - 1]
-            if _collides(points, count, far, squared, table, outline):
-                continue
-            below = cost_below(squared, table, last[0], last[1], last[2], last[3], outline)
-            cost = _cost(max(below, table[squared[int(last[1]), int(last[0])]]), last, waves, w)
-            if lowest < 0.0 or cost < lowest:
-                best_speed, best_turn, lowest = speed, turn, cost
-    return best_speed, best_turn, lowest
+            count = count_of(speed, turn, w)
+            if arc[0] != count:
+                write_arc(arc, turn, count, w)
+            ahead = speed * (w.horizon / count) / w.cell
+            certain, x, y, nose_x, nose_y = predict_end(begin, ahead, arc, w.nose, waves.path)
+            if not certain:
+                bounds[i, j] = -math.inf
+            elif _is_reachable(int(y), int(x), waves):
+                centre = table[squared[int(y), int(x)]]
+                bounds[i, j] = _cost(centre, x, y, nose_x, nose_y, waves, w)
+    return bounds.ravel()

@@ -271,22 +271,19 @@ def check_reach(what: str, reach: float, cell: float) -> None:
 @kernel
 def _along_columns(marks: Octets, reach: int) -> Int16s:
     """Return the distance in rows to the nearest mark of the same column, at most reach + 1."""
-    away = np.empty(marks.shape, np.int16)
+    rows, columns = marks.shape
+    away = np.empty((rows, columns), np.int16)
     far, one, zero = np.int16(reach + 1), np.int16(1), np.int16(0)
-    before = np.full(marks.shape[1], far, np.int16)
-    for row in range(marks.shape[0]):
-        here, marked = away[row], marks[row]
-        for column in range(marks.shape[1]):
-            more = np.int16(before[column] + one)
-            more = min(far, more)
-            here[column] = zero if marked[column] else more
-        before = here
-    for row in range(marks.shape[0] - 2, -1, -1):
-        here = away[row]
-        for column in range(marks.shape[1]):
-            more = np.int16(before[column] + one)
-            here[column] = min(here[column], more)
-        before = here
+    for column in range(columns):
+        away[0, column] = zero if marks[0, column] else far
+    for row in range(1, rows):
+        for column in range(columns):
+            more = min(far, np.int16(away[row - 1, column] + one))
+            away[row, column] = zero if marks[row, column] else more
+    for row in range(rows - 2, -1, -1):
+        for column in range(columns):
+            more = np.int16(away[row + 1, column] + one)
+            away[row, column] = min(away[row, column], more)
     return away
 
 
@@ -299,20 +296,20 @@ def squared_within(marks: Octets, reach: int) -> Int16s:
     assert 1 <= reach <= MOST_REACH
     rows, columns = marks.shape
     away = _along_columns(marks, reach)
-    # one row with `reach` unmarked columns on both sides
-    height = np.full(columns + 2 * reach, np.int16((reach + 1) * (reach + 1)), np.int16)
-    squared = np.empty((rows, columns), np.int16)
+    # all rows in one loop, with `reach` unmarked columns between them
+    stride = columns + reach
+    height = np.full(reach + rows * stride + reach, np.int16((reach + 1) * (reach + 1)), np.int16)
     for row in range(rows):
-        own, best = height[reach : reach + columns], squared[row]
-        own[:] = away[row] * away[row]
-        best[:] = own
-        for aside in range(1, reach + 1):
-            more = np.int16(aside * aside)
-            left, right = height[reach - aside :], height[reach + aside :]
-            for column in range(columns):
-                near = np.int16(min(left[column], right[column]) + more)
-                best[column] = min(best[column], near)
-    return squared
+        first = reach + row * stride
+        height[first : first + columns] = away[row] * away[row]
+    best = height[reach:-reach].copy()
+    for aside in range(1, reach + 1):
+        more = np.int16(aside * aside)
+        left, right = height[reach - aside :], height[reach + aside :]
+        for cell in range(best.size):
+            near = np.int16(min(left[cell], right[cell]) + more)
+            best[cell] = min(best[cell], near)
+    return best.reshape(rows, stride)[:, :columns].copy()
 
 
 @kernel
