@@ -135,11 +135,14 @@ def _look_up(
 ) -> None:
     """Write the level of one beam's end for each particle into `seen`; lengths in cells."""
     last_row, last_column = levels.shape[0] - 1.0, levels.shape[1] - 1.0
-    for i in range(seen.size):
+    places, width, level_of = np.empty(seen.size, np.int32), np.int32(levels.shape[1]), levels.ravel()
+    for i in range(seen.size):  # without look-ups, so that the processor computes several at once
         c, s = directions[0, i], directions[1, i]
         column = min(max(cells[0, i] + c * forward - s * left, 0.0), last_column)
         row = min(max(cells[1, i] + s * forward + c * left, 0.0), last_row)
-        seen[i] = levels[int(row), int(column)]
+        places[i] = np.int32(row) * width + np.int32(column)
+    for i in range(seen.size):
+        seen[i] = level_of[np.uint32(places[i])]
 
 
 @kernel
