@@ -116,6 +116,8 @@ def assignments(start: Start) -> tuple[Assignment, ...]:
 
 def assignments_since(tasks: TaskList, robot: str, known: int) -> tuple[Assignment, ...]:
     """Return the assignments that were added after the first `known` places, in order."""
+    if known == len(tasks.items):  # usual case
+        return ()
     term = tasks.epoch * RESTART_TERM
     new = points(tasks.items[known:])
     return tuple(Assignment(robot, index, point, term) for index, point in enumerate(new, start=known))

@@ -11,6 +11,7 @@ away relay; here `relay_below_dbm` has that effect.
 import zlib
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
+from functools import lru_cache
 from itertools import groupby
 from typing import Any, Final, NamedTuple
 
@@ -272,6 +273,12 @@ class NetworkParameters:
         check_duration("NetworkParameters: forget_after", self.forget_after)
 
 
+@lru_cache(maxsize=16)
+def _shared_unpacker(registry: RoleRegistry, limits: LinkParameters) -> Unpacker:
+    """Return the unpacker of all nodes of this process with this registry: each packet is decoded once."""
+    return Unpacker(limits, 256, registry.fingerprints)
+
+
 ReplicaUpdate = tuple[Replica | None, Replica]
 """Previous replica of a component, if any, and the new one."""
 
@@ -306,7 +313,7 @@ class Network:
         self._authenticator = parameters.authenticator
         self._statistics = statistics
         self._counters = statistics.counters
-        self._unpacker = Unpacker(parameters.link, known=registry.fingerprints)
+        self._unpacker = _shared_unpacker(registry, parameters.link)
         self._publications = 0
         self._reassembly = Reassembly(parameters.link)
         self._fragmenter = Fragmenter(address & 0xFF, parameters.link, first=epoch * _EPOCH_STRIDE)

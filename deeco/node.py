@@ -20,7 +20,7 @@ from deeco.knowledge import Fact, Knowledge, has_fact, new_tuple, role_subclasse
 from deeco.link import Reception, Transmission
 from deeco.local import NEVER, BoundEnsemble, BoundProcess, Commit, CommitListener, LocalComponent
 from deeco.network import Network, NetworkParameters, Replica, Replicas
-from deeco.schema import RoleRegistry
+from deeco.schema import shared_registry
 from deeco.statistics import Statistics
 
 _ONCE: Final = 1 << 40
@@ -190,7 +190,7 @@ class Node:
         self._change_ensembles = tuple(one for one in self._ensembles if one.type.on_change)
         self._network: Network = Network(
             parameters,
-            RoleRegistry(self._roles(), parameters.link),
+            shared_registry(self._roles(), parameters.link),
             own=frozenset(self._by_id),
             plan=self._tasks.once,
             may_relay=self._may_relay,

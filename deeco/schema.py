@@ -4,6 +4,7 @@ Nodes that know a role by the same fingerprint use the same encoding, as nodes o
 """
 
 from collections.abc import Container, Iterable
+from functools import lru_cache
 from hashlib import blake2b
 from typing import Any, NamedTuple
 
@@ -24,6 +25,8 @@ from deeco.link import DEFAULTS, LinkParameters
 __all__ = ["MalformedDataError", "Resolution", "RoleRegistry", "UnpackedRoles"]
 
 _ID = "id"
+_MOST_UNPACKED = 256
+"""Packets whose decoded roles are cached: among nodes of one process, each is decoded once."""
 
 
 class UnpackedRoles(NamedTuple):
@@ -93,6 +96,8 @@ class RoleRegistry:
         self._by_class: dict[type[Knowledge], _Role] = {}
         self._played: dict[type[Knowledge], tuple[_Role, ...]] = {}
         self._limits = limits
+        self._unpacked: dict[tuple[str, int], tuple[object, UnpackedRoles]] = {}
+        """Last valid packets, with their encoded roles, for other nodes that receive them."""
         for cls in roles:
             if cls not in self._by_class:
                 self._add(_Role(cls, limits))
@@ -147,6 +152,10 @@ class RoleRegistry:
 
         A packet is invalid if it repeats a role or if a role's fields do not match its encoding exactly.
         """
+        place = component, id(packed)
+        known = self._unpacked.get(place)
+        if known is not None and known[0] is packed:
+            return known[1]
         found: dict[int, Knowledge] = {}
         try:
             for key, fields in packed:
@@ -157,7 +166,17 @@ class RoleRegistry:
                     found[key] = role.unpack(fields, component)
         except MalformedDataError:
             return None
-        return new_tuple(UnpackedRoles, (tuple(found.values()), len(packed) - len(found)))
+        unpacked = new_tuple(UnpackedRoles, (tuple(found.values()), len(packed) - len(found)))
+        if len(self._unpacked) >= _MOST_UNPACKED:
+            del self._unpacked[next(iter(self._unpacked))]
+        self._unpacked[place] = packed, unpacked
+        return unpacked
+
+
+@lru_cache(maxsize=16)
+def shared_registry(roles: tuple[type[Knowledge], ...], limits: LinkParameters) -> RoleRegistry:
+    """Return the registry of all nodes of this process with these roles, so that roles are compiled once."""
+    return RoleRegistry(roles, limits)
 
 
 def _place(cls: type) -> str:

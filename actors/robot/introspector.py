@@ -372,13 +372,24 @@ def decision(commit: Commit) -> DecisionRecord | None:
     """Return the decision of a commit, as in `actors.robot.behaviour.decisions`; None if there is none."""
     before: Any = commit.before
     after: Any = commit.after
-    if not (commit.adaptation and isinstance(after, DecisionSource)):
+    if not (commit.adaptation and _is_decision_source(after)):
         return None
     words = after.decided_since(before)
     if not words:
         return None
     old, new = (None if one is None else (one.x, one.y) for one in (before.target, after.target))
     return DecisionRecord(words, old, new)
+
+
+_DECISION_SOURCES: Final[dict[type, bool]] = {}
+"""Whether the instances of a class are DecisionSources: `isinstance` takes ten calls."""
+
+
+def _is_decision_source(value: object) -> bool:
+    kind = type(value)
+    if kind not in _DECISION_SOURCES:
+        _DECISION_SOURCES[kind] = isinstance(value, DecisionSource)
+    return _DECISION_SOURCES[kind]
 
 
 ABSENT: Final = object()
@@ -465,8 +476,10 @@ def value_text(value: Any, depth: int = 0) -> str:
 
 def _composite_text(value: Any, depth: int) -> str:
     """Return a short text of a composed value."""
-    if is_dataclass(value):
-        parts = [getattr(value, one.name) for one in fields(value)]
+    kind: Hashable = type(value)
+    names = _field_names(kind)
+    if names:
+        parts = [getattr(value, name) for name in names]
     elif isinstance(value, tuple | list | frozenset):
         parts = list(value)
     else:
@@ -476,4 +489,4 @@ def _composite_text(value: Any, depth: int) -> str:
     words = [value_text(one, depth + 1) for one in parts]
     if isinstance(value, frozenset):
         words.sort()
-    return (", " if is_dataclass(value) or hasattr(value, "_fields") else " ").join(words)
+    return (", " if names or hasattr(value, "_fields") else " ").join(words)

@@ -21,6 +21,7 @@ _ONE_THREAD: Final = (
     "net: (handover: rx))"
 )
 """One thread for all of Zenoh: with a process per robot, more threads only wake each other."""
+_BLOCK: Final = zenoh.CongestionControl.BLOCK
 _CLOSE_TIMEOUT_S: Final = 2.0
 """Timeout for closing a session; own choice, less than a supervisor grants to a process."""
 
@@ -35,7 +36,8 @@ class ZenohBus:
     QUEUE: Final = 4096
 
     def __init__(self, session: zenoh.Session, listens: Sequence[Address], *, lossy: bool = False) -> None:
-        self._session = session
+        self._put = session.put
+        self._keys = _DeclaredKeys(session)
         channel = zenoh.handlers.RingChannel if lossy else zenoh.handlers.FifoChannel
         self._subscribers: dict[Topic[Message], Any] = {
             address.topic: session.declare_subscriber(address.key, channel(self.QUEUE)) for address in listens
@@ -43,20 +45,30 @@ class ZenohBus:
 
     def publish(self, key: str, payload: bytes) -> None:
         """Publish `payload` to all subscribers of `key`; block while a queue is full."""
-        self._session.put(key, payload, congestion_control=zenoh.CongestionControl.BLOCK)
+        self._put(self._keys[key], payload, congestion_control=_BLOCK)
 
     def receive(self, topic: Topic[Message]) -> Delivery:
         """Wait for the next message on any key of `topic`; signal handlers run meanwhile."""
-        return _delivery(topic, self._subscribers[topic].recv())
+        sample = self._subscribers[topic].recv()
+        return Delivery(topic, str(sample.key_expr), sample.payload.to_bytes())
 
     def poll(self, topic: Topic[Message]) -> Delivery | None:
         """Return the next message on any key of `topic`; None: none has arrived."""
         sample = self._subscribers[topic].try_recv()
-        return None if sample is None else _delivery(topic, sample)
+        return None if sample is None else Delivery(topic, str(sample.key_expr), sample.payload.to_bytes())
 
 
-def _delivery(topic: Topic[Message], sample: zenoh.Sample) -> Delivery:
-    return Delivery(topic, str(sample.key_expr), sample.payload.to_bytes())
+class _DeclaredKeys(dict[str, zenoh.KeyExpr]):
+    """Keys declared to the router on first use: it routes their numbers without parsing and matching text."""
+
+    def __init__(self, session: zenoh.Session) -> None:
+        super().__init__()
+        self._session = session
+
+    def __missing__(self, key: str) -> zenoh.KeyExpr:
+        declared: zenoh.KeyExpr = self._session.declare_keyexpr(key)
+        self[key] = declared
+        return declared
 
 
 @contextmanager
@@ -174,7 +186,7 @@ class SelectableBus:
 
     def publish(self, key: str, payload: bytes) -> None:
         """Publish `payload` to all subscribers of `key`."""
-        self._session.put(key, payload, congestion_control=zenoh.CongestionControl.BLOCK)
+        self._session.put(key, payload, congestion_control=_BLOCK)
 
     def take(self) -> list[Delivery]:
         """Return all waiting messages, in order."""
