@@ -476,7 +476,7 @@ def value_text(value: Any, depth: int = 0) -> str:
 
 def _composite_text(value: Any, depth: int) -> str:
     """Return a short text of a composed value."""
-    kind: Hashable = type(value)
+    kind: Any = type(value)
     names = _field_names(kind)
     if names:
         parts = [getattr(value, name) for name in names]
