@@ -141,6 +141,7 @@ def fingerprint() -> bytes:
 
 
 _HEARD: Final = int(EventKind.HEARD)
+_READ: Final = "instant_ns", "kind", "transceiver", "other", "tag"
 _END_EVENTS: Final = {
     int(EventKind.SENT): (FrameSent, "sent"),
     int(EventKind.ACCESS_FAILURE): (AccessFailure, "access_failure"),
@@ -289,8 +290,9 @@ class RobotMedium:
             return
         strengths, qualities = self._quality(events["power_mw"], events["sinr"])
         addresses, frames = self._addresses, self._frames
-        rows = zip(events.tolist(), strengths.tolist(), qualities.tolist(), strict=True)
-        for (instant_ns, kind, number, sender, _, _, serial, *_), strength, quality in rows:
+        columns = [events[name].tolist() for name in _READ]
+        rows = zip(*columns, strengths.tolist(), qualities.tolist(), strict=True)
+        for instant_ns, kind, number, sender, serial, strength, quality in rows:
             instant = instant_ns // 1000
             if kind == _HEARD:
                 data = frames[sender][serial].data

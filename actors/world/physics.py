@@ -436,10 +436,12 @@ class Arena:
         return np.concatenate([self._segments, *(segments for segments, _ in self._doors.values())])
 
     def _shapes(self) -> Iterator[Shape]:
-        for model, state in zip(self._models, self._state.tolist(), strict=True):
-            yield footprint_at(model.footprint, Pose(*state[:3]))
-        for x, y, _, _ in self.people.tolist() if self._people is not None else ():
-            yield disc(x, y, RADIUS)
+        return map(self._shape, range(len(self._names)))
+
+    def _shape(self, index: int) -> Shape:
+        pose = Pose(*self._whole[index, :3].tolist())
+        robot = index < len(self)
+        return footprint_at(self._models[index].footprint, pose) if robot else disc(pose.x, pose.y, RADIUS)
 
     def _obstruction(self, shape: Shape, others: Sequence[int]) -> str:
         """Return what `shape` overlaps: "a wall", "an obstacle", a robot's or person's name, or ""."""
@@ -447,8 +449,10 @@ class Arena:
             return "a wall"
         if smallest_gap(shape, (disc(*obstacle) for obstacle in self._obstacles)) < 0:
             return "an obstacle"
-        shapes = list(self._shapes())
-        return next((self._names[j] for j in others if gap(shape, shapes[j]) < 0), "")
+        offsets, spread = self._whole[:, :2] - shape.vertices[0], shape.vertices - shape.vertices[0]
+        reach = self._radii + shape.radius + np.sqrt(_products(spread, spread).max()) + 1e-6
+        near = _products(offsets, offsets) < reach * reach
+        return next((self._names[j] for j in others if near[j] and gap(shape, self._shape(j)) < 0), "")
 
     def _check_overlaps(self) -> None:
         for index, shape in enumerate(self._shapes()):
