@@ -382,7 +382,7 @@ def decision(commit: Commit) -> DecisionRecord | None:
 
 
 _DECISION_SOURCES: Final[dict[type, bool]] = {}
-"""Whether the instances of a class are DecisionSources: `isinstance` takes ten calls."""
+"""True for each class of DecisionSources, False for others: `isinstance` takes ten calls."""
 
 
 def _is_decision_source(value: object) -> bool:
