@@ -162,8 +162,10 @@ def set_bumpers(
     limits: Records,
     bumpers: Octets,
     touching: Flags,
-) -> int:
-    """Set the bumper bits of all contacts; return the number of contacts begun, except with people.
+) -> tuple[int, bool]:
+    """Set the bumper bits of all contacts.
+
+    Returns the number of contacts begun, except with people, and whether a robot is in `touching`.
 
     pairs (m, 3): numbers of both bodies, and whether the contact is new; normals (m, 2): from the first to
     the second; numbers (b,), ascending, and bodies (b,): body numbers, and indices of n robots, then of
@@ -171,7 +173,7 @@ def set_bumpers(
     robots and people.
     """
     n = state.shape[0]
-    begun = 0
+    begun, touched = 0, False
     now_touching = np.zeros(n, np.bool_)
     for k in range(pairs.shape[0]):
         a, b = body_of(pairs[k, 0], numbers, bodies), body_of(pairs[k, 1], numbers, bodies)
@@ -192,7 +194,8 @@ def set_bumpers(
         if now_touching[i] and not touching[i]:
             begun += 1
         touching[i] = now_touching[i]
-    return begun
+        touched = touched or now_touching[i]
+    return begun, touched
 
 
 @kernel
@@ -225,5 +228,5 @@ def fingerprint() -> bytes:
     pairs = np.array([[5, 6, 1], [6, 7, 0], [7, 1, 1]], np.uint64)
     numbers, robots = np.array([5, 6, 7], np.uint64), np.array([1, 0, 2])
     normals = arrays.cos(np.arange(6.0)).reshape(3, 2)
-    begun = set_bumpers(state, pairs, normals, numbers, robots, fixed, bumpers, touching)
+    begun, _ = set_bumpers(state, pairs, normals, numbers, robots, fixed, bumpers, touching)
     return forces.tobytes() + memory.tobytes() + bumpers.tobytes() + touching.tobytes() + bytes([begun])

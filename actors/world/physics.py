@@ -352,10 +352,10 @@ class Arena:
             if contacts is not None or self._touched:
                 pairs, normals = contacts or _NO_CONTACTS
                 robots = self._numbers, self._order, self._limits
-                self.contacts += set_bumpers(
+                begun, self._touched = set_bumpers(
                     self._state, pairs, normals, *robots, self.bumpers, self._touching
                 )
-                self._touched = bool(self._touching.any())
+                self.contacts += begun
                 if self._people is not None:
                     self._count_people_contacts(pairs)
             self.now = Instant(self.now + SUBSTEP)
