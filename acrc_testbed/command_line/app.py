@@ -12,12 +12,7 @@ import typer
 from typer._click import exceptions as faults
 from typer.core import TyperGroup
 
-from acrc_testbed.command_line import development, replay_commands, run, visualisation
-from acrc_testbed.command_line.fleet import app as fleet
-from acrc_testbed.command_line.lists import app as listing
-from acrc_testbed.command_line.record import app as record
 from acrc_testbed.command_line.shared_options import suggestion
-from actors.console import create_console
 from actors.installation.usage import OptionError, missing_extra_named
 from actors.processes.signals import Interruption, signals_as_interrupts
 from actors.runtime.errors import AcrcError, printable
@@ -70,39 +65,56 @@ def _protected_stream(number: int, present: Any) -> io.TextIOWrapper:
 
 
 COMMANDS: Final = {
-    "cluster": ("acrc_testbed.command_line.fleet", "cluster"),
-    **{
-        name: ("acrc_testbed.command_line.experiments", name)
-        for name in ("campaign", "causes", "compare", "gap", "bundle", "report", "study")
-    },
-    "docs": ("acrc_testbed.command_line.documentation", "docs"),
-    "verify": ("acrc_testbed.command_line.bench", "verify"),
-    "bench": ("acrc_testbed.command_line.bench", "bench"),
+    name: f"acrc_testbed.command_line.{module}"
+    for module, names in (
+        ("run", ("run", "branch", "order")),
+        ("visualisation", ("demo", "view", "scenario")),
+        ("replay_commands", ("replay", "explain", "export")),
+        ("development", ("test", "check")),
+        ("app", ("add",)),
+        ("record", ("record",)),
+        ("lists", ("list",)),
+        ("fleet", ("fleet", "cluster")),
+        ("experiments", ("campaign", "causes", "compare", "gap", "bundle", "report", "study")),
+        ("documentation", ("docs",)),
+        ("bench", ("verify", "bench")),
+    )
+    for name in names
 }
-"""Module and attribute of each lazily imported command: a function, or a `typer.Typer` for a group."""
+"""Module of each command, which has a function or a `typer.Typer` of the command's name, or that as `app`."""
 
 
 FOR_DEVELOPERS: Final = "Commands for developers of the testbed"
 _OTHERS: Final = "Commands"
+_ANY_OPTIONS: Final = {"ignore_unknown_options": True}
+_SETTINGS: Final[dict[str, dict[str, Any]]] = {
+    "order": {"context_settings": _ANY_OPTIONS},
+    "test": {
+        "context_settings": {"allow_extra_args": True, **_ANY_OPTIONS},
+        "rich_help_panel": FOR_DEVELOPERS,
+    },
+    "check": {"rich_help_panel": FOR_DEVELOPERS},
+}
+"""Settings of commands other than typer's defaults."""
 
 
 class RootCommand(TyperGroup):
-    """The commands of this module and those of `COMMANDS`, listed under headings (`rich_help_panel`)."""
+    """The commands of `COMMANDS`, imported when called, listed under headings (`rich_help_panel`)."""
 
     def list_commands(self, ctx: Any) -> list[str]:
-        """Return the names of all commands, those in `COMMANDS` last."""
-        return [*super().list_commands(ctx), *COMMANDS]
+        """Return the names of all commands."""
+        return [*COMMANDS]
 
     def get_command(self, ctx: Any, cmd_name: str) -> Any:
         """Return the command of this name; None if there is none."""
         if cmd_name not in COMMANDS:
-            return super().get_command(ctx, cmd_name)
-        module, name = COMMANDS[cmd_name]
-        found = getattr(import_module(module), name)
+            return None
+        module = import_module(COMMANDS[cmd_name])
+        found = getattr(module, cmd_name, None) or module.app
         if isinstance(found, typer.Typer):
             return typer.main.get_command(found)
         alone = typer.Typer(add_completion=False, rich_markup_mode=None)
-        alone.command(cmd_name)(found)
+        alone.command(cmd_name, **_SETTINGS.get(cmd_name, {}))(found)
         return typer.main.get_command(alone)
 
     def format_commands(self, ctx: Any, formatter: Any) -> None:
@@ -185,23 +197,6 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     rich_markup_mode=None,
 )
-app.command()(run.run)
-app.command()(run.branch)
-app.command(context_settings={"ignore_unknown_options": True})(run.order)
-app.command()(visualisation.demo)
-app.command()(visualisation.view)
-app.command()(visualisation.scenario)
-app.command()(replay_commands.replay)
-app.command()(replay_commands.explain)
-app.command()(replay_commands.export)
-app.add_typer(record, name="record", help="Read and check the recordings of a run.")
-app.add_typer(listing, name="list", help="List strategies, presets, robot models, scenarios and maps.")
-app.add_typer(fleet, name="fleet", help="Set up, start, watch and stop real robots.")
-app.command(
-    context_settings={"allow_extra_args": True, "ignore_unknown_options": True},
-    rich_help_panel=FOR_DEVELOPERS,
-)(development.test)
-app.command(rich_help_panel=FOR_DEVELOPERS)(development.check)
 
 
 def main() -> None:
@@ -218,6 +213,8 @@ def main() -> None:
         sentence, code = f"acrc: {error}", 2 if isinstance(error, OptionError) else 1
     except typer.TyperException as error:
         sentence, code = usage_error(error), error.exit_code
+    from actors.console import create_console
+
     create_console(stderr=True).print(sentence)
     sys.exit(code)
 
@@ -249,7 +246,6 @@ def root(
     """Accept the options of `acrc` itself."""
 
 
-@app.command()
 def add(
     names: Annotated[
         list[str], typer.Argument(metavar="NAME…", help="Packages, as for pip: pandas, pandas==3.0.0.")

@@ -377,7 +377,12 @@ def _key_sentences(fleet: "Fleet", keys: "FleetKeys") -> Iterator[str]:
     yield f"All are valid until {keys.valid_until:%Y-%m-%d}."
 
 
-app = typer.Typer(no_args_is_help=True, rich_markup_mode=None)
+app = typer.Typer(
+    help="Set up, start, watch and stop real robots.",
+    no_args_is_help=True,
+    add_completion=False,
+    rich_markup_mode=None,
+)
 for _command in (keys, units, bundle, doctor, onboard, radio, watch, stop, pause, resume, collect):
     app.command()(_command)
 

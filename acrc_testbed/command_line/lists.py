@@ -11,6 +11,7 @@ import re
 import sys
 import tomllib
 from collections.abc import Iterable, Mapping, Sequence
+from importlib.metadata import entry_points
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -21,16 +22,23 @@ from acrc_testbed.command_line.shared_options import Json, answer
 from actors.installation.repository import REPOSITORY, SHIPPED
 
 Row = Mapping[str, Any]
-app = typer.Typer(no_args_is_help=True, rich_markup_mode=None)
+app = typer.Typer(
+    help="List strategies, presets, robot models, scenarios and maps.",
+    no_args_is_help=True,
+    add_completion=False,
+    rich_markup_mode=None,
+)
 
 
 @app.command()
 def strategies(json: Json = False) -> None:
     """List strategies, also those of installed packages."""
-    from cleaning.strategies import strategies as known
-
-    with contextlib.redirect_stdout(sys.stderr):  # imported modules may print
-        rows = [_strategy_row(one) for one in known()]
+    registry = REPOSITORY / "cleaning" / "strategies" / "registry.py"
+    if entry_points(group=ast.literal_eval(assigned(registry, "GROUP")[0])):
+        rows = _registered_strategies()
+    else:  # parsed, not imported: the import takes as long as all of the rest
+        table = ast.literal_eval(_dicts(assigned(registry, "STRATEGIES")[0])[0])
+        rows = [_shipped_row(name, entry) for name, entry in table.items()]
     shown = [{**row, "text": row["error"] or row["summary"]} for row in rows]
     columns = {"name": "{name}", "from": "{source}", "summary and entry": "{text}\n{entry}"}
     _print_rows(rows, columns, shown, json=json)
@@ -99,6 +107,21 @@ def _print_rows(
     answer([table], rows, json=json)
 
 
+def _shipped_row(name: str, entry: str) -> Row:
+    module, _, function = entry.partition(":")
+    body = ast.parse(REPOSITORY.joinpath(*module.split(".")).with_suffix(".py").read_bytes()).body
+    behaviour = next(node for node in body if isinstance(node, ast.FunctionDef) and node.name == function)
+    summary = (ast.get_docstring(behaviour) or "").partition("\n")[0]
+    return {"name": name, "entry": entry, "source": "shipped", "summary": summary, "error": ""}
+
+
+def _registered_strategies() -> list[Row]:
+    from cleaning.strategies import strategies as known
+
+    with contextlib.redirect_stdout(sys.stderr):  # imported modules may print
+        return [_strategy_row(one) for one in known()]
+
+
 def _strategy_row(strategy: Any) -> Row:
     """Return the row of a strategy, with an `error` if it cannot be imported."""
     from actors.robot.behaviour.loading import entry_function
@@ -161,16 +184,25 @@ def head_comment(text: str) -> str:
     return re.split(r"(?<=\.)\s", " ".join(lines), maxsplit=1)[0]
 
 
-def dict_constant(source: Path, name: str) -> tuple[list[str], str]:
-    """Return the keys of a module's dict literal and its docstring on one line."""
-    for here, below in pairwise(ast.parse(source.read_text("utf-8")).body):
+def assigned(source: Path, name: str) -> tuple[ast.expr, str]:
+    """Return the expression that a module assigns to a name, and its docstring on one line."""
+    for here, below in pairwise(ast.parse(source.read_bytes()).body):
         targets = here.targets if isinstance(here, ast.Assign) else [getattr(here, "target", None)]
         if any(isinstance(target, ast.Name) and target.id == name for target in targets):
-            dicts = [node for node in ast.walk(here) if isinstance(node, ast.Dict)][:1]
-            keys = [ast.literal_eval(key) for node in dicts for key in node.keys if key is not None]
+            assert isinstance(here, ast.Assign | ast.AnnAssign) and here.value is not None
             doc = below.value if isinstance(below, ast.Expr) else None
-            return keys, " ".join(str(doc.value).split()) if isinstance(doc, ast.Constant) else ""
-    return [], ""
+            return here.value, " ".join(str(doc.value).split()) if isinstance(doc, ast.Constant) else ""
+    raise AssertionError(f"{source}: {name} is not assigned")
+
+
+def dict_constant(source: Path, name: str) -> tuple[list[str], str]:
+    """Return the keys of the first dict literal that a module assigns to a name, and its docstring."""
+    value, doc = assigned(source, name)
+    return [ast.literal_eval(key) for node in _dicts(value)[:1] for key in node.keys if key is not None], doc
+
+
+def _dicts(value: ast.expr) -> list[ast.Dict]:
+    return [node for node in ast.walk(value) if isinstance(node, ast.Dict)]
 
 
 def preset_summary(name: str, doc: str) -> str:

@@ -17,7 +17,12 @@ if TYPE_CHECKING:
     from acrc_testbed.recordings.message_formats import KeyStatistics
     from acrc_testbed.recordings.topics import LoggedMessage
 
-app = typer.Typer(no_args_is_help=True, rich_markup_mode=None)
+app = typer.Typer(
+    help="Read and check the recordings of a run.",
+    no_args_is_help=True,
+    add_completion=False,
+    rich_markup_mode=None,
+)
 _Growing = Annotated[Path, argument("OUT", "Folder of a run (may be in progress), or one recording.")]
 _KEY = "Key: r1/drive, truth, */senses for all robots, or a full key"
 _Begin = Annotated[float, option("S", "Begin at this simulated time.", "--from", min=0)]

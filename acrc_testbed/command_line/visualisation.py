@@ -30,7 +30,7 @@ from actors.runtime.errors import AcrcError
 if TYPE_CHECKING:
     from acrc_testbed.run_model.data import RunData
     from actors.robot_model import RobotModel
-    from deploy.scenario.survey import MapSurvey
+    from deploy.scenario.map_survey import MapSurvey
 
 _PAGES: Final = (".png", ".svg", ".html")
 _MIN_STATISTICS_S: Final = 5.0
@@ -257,38 +257,57 @@ def scenario(
     to check its module and its settings.
     """
     from actors.floor import offices
-    from actors.robot.behaviour.code_permit import permitted_folders
-    from actors.robot_model import load_model
-    from deploy.run.swarm import preflight_in_process
-    from deploy.scenario import survey
-    from deploy.scenario.resolve import resolve
-    from deploy.scenario.scenario_file import Overrides, load_scenario, module_folders, parse_settings
 
     if png is not None:
         output_file("--png", png, ".png", ".svg")
+    if file.suffix.lower() in {".yaml", ".yml"} or offices.is_name(file):
+        from deploy.scenario.map_survey import survey_map
 
-    if (is_map := file.suffix.lower() in {".yaml", ".yml"} or offices.is_name(file)) or survey.is_model(file):
-        if robots is not None or seed is not None or setting:
-            raise OptionError(f"{file}: not a scenario; cannot be combined with --robots, --seed and --set")
-        _print_survey(survey.survey_map(file) if is_map else load_model(str(file)), png, json=json)
+        _check_no_changes(file, robots, seed, setting)
+        _print_survey(survey_map(file), png, json=json)
         return
+    from actors.robot.behaviour.code_permit import permitted_folders
+    from deploy.scenario.scenario_file import (
+        Overrides,
+        is_model,
+        load_scenario,
+        module_folders,
+        parse_settings,
+    )
+
+    if is_model(file):
+        from actors.robot_model import load_model
+
+        _check_no_changes(file, robots, seed, setting)
+        _print_survey(load_model(str(file)), png, json=json)
+        return
+    from deploy.run.dry_run import preflight_in_process
+    from deploy.scenario.resolve import resolve
+    from deploy.scenario.survey import survey
+
     permit = permission(modules, trust=trust)
     overrides = Overrides(robots, seed, settings=parse_settings(setting or ()))
     resolved = resolve(load_scenario(file, overrides))
-    _print_survey(survey.survey(resolved), png, json=json)
+    _print_survey(survey(resolved), png, json=json)
     folders = permitted_folders(file, resolved.behaviour, module_folders(resolved.scenario), permit)
     preflight_in_process(resolved, folders)
 
 
+def _check_no_changes(file: Path, *changes: object) -> None:
+    """Raise OptionError if an option would change a file that is not a scenario."""
+    if any(change not in (None, []) for change in changes):
+        raise OptionError(f"{file}: not a scenario; cannot be combined with --robots, --seed and --set")
+
+
 def _print_survey(found: "MapSurvey | RobotModel", png: Path | None, *, json: bool) -> None:
     """Print the summary of a file and, with `png`, draw it."""
-    from deploy.run import out_folder
-    from deploy.scenario import survey
+    from deploy.scenario.map_survey import json_content, sentences
 
     if png is not None:
+        from deploy.run import out_folder
         from deploy.scenario import scenario_picture
 
         with out_folder.convert_write_errors(png.parent):
             scenario_picture.write(found, png)
     drawn = [] if png is None else [str(png)]
-    answer([*survey.sentences(found), *drawn], survey.json_content(found) | {"picture": png}, json=json)
+    answer([*sentences(found), *drawn], json_content(found) | {"picture": png}, json=json)

@@ -40,7 +40,9 @@ def regions(grid: OccupancyGrid, passable: Flags, clearance: Floats, room: float
     """
     wide = passable & (clearance >= room)
     rim = room - float(clearance[passable].min(initial=room)) + grid.resolution
-    opened = passable & (squared_distance(wide) <= (rim / grid.resolution) * (rim / grid.resolution))
+    rim_cells = rim / grid.resolution
+    squared_rim = rim_cells * rim_cells
+    opened = passable & (squared_distance(wide, int(squared_rim) + 1) <= squared_rim)
     labels = raster.regions(opened)
     count = int(labels.max())
     narrow = raster.regions(passable & ~opened)

@@ -11,8 +11,9 @@ from weakref import WeakValueDictionary
 import numpy as np
 from numpy.typing import NDArray
 
-from actors.array_types import Flags, Floats, Indices, Octets
+from actors.array_types import Flags, Floats, Octets
 from actors.floor import raster
+from actors.floor.raster_arrays import runs
 from actors.geometry import Point
 from deeco.knowledge import new_tuple
 
@@ -225,16 +226,6 @@ def outline(grid: OccupancyGrid, *, beyond: bool = True) -> Floats:
     vertical = np.stack([x, y0, x, y1], axis=1)
     corner = np.array([grid.origin.x, grid.origin.y, grid.origin.x, grid.origin.y])
     return corner + np.concatenate([horizontal, vertical]) * grid.resolution
-
-
-def runs(edges: Flags) -> tuple[Indices, Indices, Indices]:
-    """Return line, begin and end (exclusive) of each run of True along the rows of `edges`, in order."""
-    ended = np.zeros((edges.shape[0], edges.shape[1] + 2), dtype=np.int8)
-    ended[:, 1:-1] = edges
-    change = np.diff(ended, axis=1)
-    line, begin = np.nonzero(change == 1)
-    _, end = np.nonzero(change == -1)
-    return line, begin, end
 
 
 def _gap(value: float, index: NDArray[Any]) -> Floats:

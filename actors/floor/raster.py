@@ -7,20 +7,31 @@ Eurographics 1987, in leaps over squares of equal cells, with equal cells and po
 """
 
 import math
+import sys
 from typing import Final, NamedTuple
 
 import numpy as np
 
 from actors.array_types import Flags, Floats, Int32s, Int64s, Octets
+from actors.floor import raster_arrays
 from actors.kernels import kernel
 from actors.portable.compiled import asin, atan2
 
+_MOST_CELLS: Final = 1 << 19
+"""Maximum size of maps for which `raster_arrays` takes less time than loading numba."""
 
-def squared_distance(mask: Flags) -> Floats:
+
+def _without_kernels(flags: Flags) -> bool:
+    return "numba" not in sys.modules and flags.size <= _MOST_CELLS
+
+
+def squared_distance(mask: Flags, limit: int = raster_arrays.FAR) -> Floats:
     """Return squared distances between cell centres to the nearest True cell, cells²; inf without any.
 
-    `mask` and result: (rows, columns).
+    `mask` and result: (rows, columns). Distances are exact below `limit`, cells², and at least that beyond.
     """
+    if _without_kernels(mask):
+        return raster_arrays.squared_distance(mask, limit)
     return _squared_distance(np.ascontiguousarray(mask))
 
 
@@ -34,7 +45,8 @@ def clearance(blocking: Flags, resolution: float) -> Floats:
     rows, columns = blocking.shape
     ringed = np.ones((rows + 2, columns + 2), dtype=np.bool_)
     ringed[1:-1, 1:-1] = blocking
-    half_cells = np.sqrt(_squared_clearance(ringed)[1:-1, 1:-1])
+    squared = raster_arrays.squared_clearance if _without_kernels(ringed) else _squared_clearance
+    half_cells = np.sqrt(squared(ringed)[1:-1, 1:-1])
     return half_cells * (resolution / 2)
 
 
@@ -135,19 +147,29 @@ def _squared_clearance(mask: Flags) -> Floats:
 
 def flood(passable: Flags, row: int, column: int) -> Flags:
     """Return the 4-connected region of passable cells around one cell; empty if that is not passable."""
+    if _without_kernels(passable):
+        labels = raster_arrays.regions(passable)[0]
+        region: Flags = (labels == labels[row, column]) & passable[row, column]
+        return region
     return _flood(np.ascontiguousarray(passable), row, column)
 
 
 def largest_region(passable: Flags) -> Flags:
     """Return the 4-connected region with the most cells; of equals the first in row order."""
-    labels, largest = _regions(np.ascontiguousarray(passable))
+    labels, largest = _labelled(passable)
     region: Flags = passable & (labels == largest)
     return region
 
 
 def regions(passable: Flags) -> Int32s:
     """Return the number of each passable cell's 4-connected region, from 1 in row order; 0 elsewhere."""
-    return _regions(np.ascontiguousarray(passable))[0]
+    return _labelled(passable)[0]
+
+
+def _labelled(passable: Flags) -> tuple[Int32s, int]:
+    if _without_kernels(passable):
+        return raster_arrays.regions(passable)
+    return _regions(np.ascontiguousarray(passable))
 
 
 def fingerprint() -> dict[str, bytes]:
@@ -155,9 +177,10 @@ def fingerprint() -> dict[str, bytes]:
     row, column = np.indices((23, 31))
     mask = (row * 7 + column * column * 3) % 37 == 0
     passable = (row * 5 + column * column * 3) % 7 != 0
+    labels, largest = _regions(passable)
     return {
-        "distance": squared_distance(mask).tobytes() + np.sqrt(_squared_clearance(mask)).tobytes(),
-        "flood": flood(passable, 11, 16).tobytes() + largest_region(passable).tobytes(),
+        "distance": _squared_distance(mask).tobytes() + np.sqrt(_squared_clearance(mask)).tobytes(),
+        "flood": _flood(passable, 11, 16).tobytes() + (labels == largest).tobytes(),
     }
 
 

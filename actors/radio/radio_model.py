@@ -242,9 +242,8 @@ class RadioModel:
 
 def radio_model(setup: RadioSetup) -> RadioModel:
     """Return the model of a set-up. Raises AcrcError for an unknown name or an unreadable map."""
-    parameters = _parameters_of(setup)
+    parameters = radio_parameters(setup)
     walls = parameters.propagation.walls
-    material(walls)
     floor = build(load_map(setup.map), walls, setup.patches) if setup.map else None
 
     def propagation() -> IndoorPropagation:  # separate objects, as each caches phasors
@@ -259,7 +258,8 @@ def radio_model(setup: RadioSetup) -> RadioModel:
     return RadioModel(parameters, propagation(), stations)
 
 
-def _parameters_of(setup: RadioSetup) -> RadioParameters:
+def radio_parameters(setup: RadioSetup) -> RadioParameters:
+    """Return the preset with the changes of the set-up. Raises AcrcError for an unknown name."""
     base = preset(setup.preset)
     shadowing = base.propagation.shadowing
     if setup.shadowing_db is not None:
@@ -270,6 +270,7 @@ def _parameters_of(setup: RadioSetup) -> RadioParameters:
     if setup.excess_db is not None:
         path_loss = replace(path_loss, excess_db=setup.excess_db)
     walls = setup.walls or base.propagation.walls
+    material(walls)
     propagation = replace(base.propagation, walls=walls, path_loss=path_loss, shadowing=shadowing)
     return replace(base, channel=setup.channel or base.channel, propagation=propagation)
 

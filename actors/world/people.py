@@ -19,7 +19,8 @@ from actors.floor.placement import Area, PlacementError, draw_points
 from actors.floor.raster import clearance
 from actors.geometry import Point
 from actors.instant import Instant, milliseconds, seconds
-from actors.portable.draws import normals, uniforms
+from actors.portable.draws import uniforms
+from actors.portable.elementary import normal_quantile
 from actors.randomness import generator
 from actors.settings import Settings
 from actors.world.social_force import (
@@ -117,7 +118,7 @@ class Pedestrians:
         self._targets = self._target_cells(setup)
         names = [str(number) for number in range(one.count)]
         self._streams = [generator(seed, "people", name) for name in names]
-        drawn = np.array([normals(stream, 1)[0] for stream in self._streams])
+        drawn = np.array([normal_quantile(stream.random()) for stream in self._streams])
         speeds = one.speed + one.speed_spread * np.clip(drawn, -_EXTREME, _EXTREME)
         self.speeds: Floats = np.maximum(speeds, _SLOWEST)
         """Desired walking speeds, (p,), m/s."""

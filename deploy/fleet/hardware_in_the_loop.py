@@ -17,7 +17,7 @@ from actors.instant import in_seconds
 from actors.messages import PROGRESS, Progress
 from actors.processes.launcher import ChildProcess, Launcher, Program, create_launcher
 from actors.processes.signals import signals_as_interrupts
-from actors.radio.radio_model import radio_model
+from actors.radio.radio_model import radio_parameters
 from actors.runtime import typed_json
 from actors.runtime.codec import arrived
 from actors.runtime.core import at
@@ -36,6 +36,7 @@ from deploy.run import progress, swarm
 from deploy.run.options import RunOptions
 from deploy.run.out_folder import make_folder
 from deploy.run.plan import RunPlan, relative_radio_setup, relative_world_setup
+from deploy.run.preflight import preflight
 from deploy.run.supervisor import Supervisor
 from deploy.scenario.events import action_of
 from deploy.scenario.tables import Scenario
@@ -101,7 +102,7 @@ def _run_processes(
 ) -> None:
     folder = plan.folder(LABORATORY)
     with signals_as_interrupts(), launcher_context as launcher, ExitStack() as stack:
-        swarm.preflight(plan, launcher)
+        preflight(plan, launcher)
         devices = _start_devices(plan, simulated, launcher, stack)
         robots = [
             _onboard_robot(plan, index, folder, board=robot.id not in simulated)
@@ -151,7 +152,7 @@ def _onboard_robot(plan: RunPlan, index: int, folder: Path, *, board: bool) -> O
     robot = plan.world.robots[index]
     robot_plan = replace(plan, world=msgspec.structs.replace(plan.world, robots=(robot,)))
     links = folder / "links" / robot.id
-    settings = BoardSettings(dict(plan.radio.robots)[robot.id], radio_model(plan.radio).parameters.channel)
+    settings = BoardSettings(dict(plan.radio.robots)[robot.id], radio_parameters(plan.radio).channel)
     base, radio, lidar = (str(links / device) for device in (BASE, RADIO, RANGE))
     ports = Ports(base, radio, lidar, settings, board)
     return OnboardRobot(robot_plan, ports, itertools.count().__next__)

@@ -26,7 +26,6 @@ from actors.runtime.core import Delivery, Pace, at, interval_timer
 from actors.runtime.debugger import stop_here
 from actors.runtime.errors import AcrcError
 from actors.runtime.failure import (
-    HardExit,
     StepTimeout,
     current_line,
     failure_note,
@@ -40,6 +39,7 @@ from actors.runtime.recording import Recorder
 from actors.runtime.shell import MemoryBus, Shell, run_shells
 from actors.world import program as world_program
 from actors.world.core import WorldCore
+from deploy.run.dry_run import raise_on_hard_exit
 from deploy.run.plan import RunPlan, radio_program, robot_program, shared_arguments
 from deploy.run.plan import world_program as world_as_program
 
@@ -90,23 +90,6 @@ def detect_stalls(
 
     with interval_timer(_TICK_S, tick):
         yield
-
-
-@contextmanager
-def raise_on_hard_exit() -> Iterator[None]:
-    """Make `os._exit` raise HardExit instead of ending this process."""
-    original_exit, own_pid = os._exit, os.getpid()
-
-    def raise_hard_exit(status: int) -> NoReturn:
-        if os.getpid() != own_pid:  # a child process of the strategy
-            original_exit(status)
-        raise HardExit(status)
-
-    os._exit = raise_hard_exit
-    try:
-        yield
-    finally:
-        os._exit = original_exit
 
 
 @contextmanager

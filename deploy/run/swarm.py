@@ -1,53 +1,42 @@
 """Execution of a run: plan, hosts, preflight, processes (or one process), result."""
 
-import contextlib
 import math
 import os
-import re
-import signal
 import sys
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, closing, nullcontext
-from dataclasses import dataclass, fields, replace
+from dataclasses import fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
-
-import msgspec
 
 from acrc_testbed.results import summary
 from acrc_testbed.results.outcome import write_items
 from acrc_testbed.results.result import RunResult, gather_result
 from acrc_testbed.results.seal import remote_recordings, seal
-from actors.floor.map_file import load_map
 from actors.installation.usage import wrong_value
 from actors.installation.version import software_version
 from actors.messages import PROGRESS, ROSTER, ProcessOrder, Progress
 from actors.orders import ItemAssignment
 from actors.processes import monitor
-from actors.processes.launcher import ChildProcess, Launcher, create_launcher, scratch_folder
+from actors.processes.launcher import Launcher, create_launcher
 from actors.processes.monitor import ResourceMonitor, StepDelays, Timeout
-from actors.processes.robot_logs import check_names, print_output, printing_new_lines, program_output
+from actors.processes.robot_logs import check_names, printing_new_lines
 from actors.processes.signals import Interruption, signals_as_interrupts
 from actors.processes.watchdog import run_watchdog
-from actors.robot import assembly
-from actors.robot.behaviour.handover import dry_run
-from actors.robot_model import load_model
 from actors.runtime import typed_json
-from actors.runtime.captured_output import captured_by
 from actors.runtime.core import at
-from actors.runtime.errors import AcrcError, printable
-from actors.runtime.failure import FailureNote, failure_note, own_frames
+from actors.runtime.errors import AcrcError
 from actors.runtime.isolation import rules
 from actors.runtime.isolation.mounts import code_entries, hidden_paths
 from actors.runtime.isolation.sandbox import IsolationChoice, choose_isolation, print_warning
-from actors.runtime.recording import RecordingError
 from actors.runtime.shell import MemoryBus
 from actors.runtime.zenoh_bus import open_mesh
-from actors.user_code import expect_hashes, set_folders
+from actors.user_code import expect_hashes
 from deploy.hosts.address import parse_listen
 from deploy.run import progress
-from deploy.run.memory_swarm import MemorySwarm, raise_on_hard_exit
+from deploy.run.dry_run import preflight_in_process
+from deploy.run.memory_swarm import MemorySwarm
 from deploy.run.options import RunOptions, router_link
 from deploy.run.out_folder import check_new
 from deploy.run.plan import (
@@ -65,11 +54,11 @@ from deploy.run.plan import (
     scenario_copy,
     shared_arguments,
     world_program,
-    write_robot_folder,
     write_run_folder,
 )
+from deploy.run.preflight import preflight
 from deploy.run.supervisor import RunSupervisor
-from deploy.scenario.resolve import ResolvedScenario, Swarm, resolve, robot_setup
+from deploy.scenario.resolve import Swarm, resolve
 from deploy.scenario.survey import scenario_warnings
 from deploy.scenario.tables import Scenario
 
@@ -127,112 +116,6 @@ def _code_files(folder: Path, hidden: tuple[Path, ...]) -> Iterator[tuple[str, P
                         "give a folder with the strategy's code only"
                     )
                 yield path.relative_to(folder.absolute()).as_posix(), path
-
-
-_HUNG: Final = re.compile(r'^Timeout.*?File "([^"\n]*)", line (\d+)', re.DOTALL | re.MULTILINE)
-"""Position of the main thread in faulthandler's output."""
-
-
-@dataclass(frozen=True)
-class PreflightLimits:
-    """Time limits of a preflight."""
-
-    patience_s: float = 120.0
-    """Timeout of the creation of a robot, s, including the first compilation of kernels."""
-    grace_s: float = 5.0
-    """Additional time for a process that ignores its timeout, s."""
-
-
-def preflight(plan: RunPlan, launcher: Launcher, limits: PreflightLimits = PreflightLimits()) -> None:
-    """Create the first robot in a separate process and a temporary folder.
-
-    Raises AcrcError if that fails, hangs or exits; the traceback of an unexpected error is printed first.
-    """
-    robot = plan.world.robots[0]
-    with scratch_folder() as folder:
-        options = replace(plan.options, out=folder)
-        trial = replace(plan, options=options, debug=plan.debug and DebuggedRobot("", ""))
-        write_robot_folder(trial, robot)
-        program = robot_program(trial, robot, ProcessOrder(robot.id, 0), 0)
-        program = replace(program, argv=(*program.argv, "--preflight", f"{limits.patience_s:g}"))
-        child = launcher.start(program)
-        try:
-            _await_exit(child, launcher, limits)
-            hung = child.exit_code is None
-        finally:
-            child.send(signal.SIGKILL)
-            _await_exit(child, launcher, replace(limits, patience_s=0.0))
-        _check_preflight(plan, child, limits, hung=hung)
-
-
-def preflight_in_process(resolved: ResolvedScenario, modules: Sequence[Path]) -> None:
-    """Create and discard the first robot's behaviour in this process, for a run in memory.
-
-    Raises AcrcError for wrong settings, areas or equipment, for a missing entry, and for an error in the
-    strategy's code, with its frames.
-    """
-    name, robot = resolved.scenario.run.strategy, resolved.world.robots[0]
-    setup = robot_setup(resolved, robot)
-    model = load_model(robot.model, robot.sensor)
-    floor = assembly.floor(load_map(resolved.world.map), model, setup.stack)
-    start = assembly.start(setup, model, floor)
-    # with --json, standard output is for the result only; modules imported here keep their streams
-    set_folders(modules)
-    with contextlib.redirect_stdout(sys.stderr), captured_by(None), raise_on_hard_exit():
-        try:
-            dry_run(resolved.behaviour, start)
-        except AcrcError:
-            raise
-        except Exception as error:
-            which = repr(name) if name == resolved.behaviour else f"{name!r}, {resolved.behaviour!r},"
-            cause = failure_note("", 0, error).cause
-            sentence = f"strategy {which.rstrip(',')}, preflight for {robot.id}: {cause}"
-            raise AcrcError(f"{sentence}\n{own_frames(error)}".rstrip()) from error
-
-
-def _await_exit(child: ChildProcess, launcher: Launcher, limits: PreflightLimits) -> None:
-    deadline = time.monotonic() + limits.patience_s + limits.grace_s
-    while child.exit_code is None and time.monotonic() < deadline:
-        launcher.wait(0.05)
-
-
-def _check_preflight(plan: RunPlan, child: ChildProcess, limits: PreflightLimits, *, hung: bool) -> None:
-    """Raise AcrcError unless the process has created its robot.
-
-    `hung`: it was killed after the timeout.
-    """
-    context = f"strategy {plan.behaviour!r}, preflight for {child.program.actor}"
-    notes = _notes(child)
-    if "failure" in notes:
-        note = msgspec.json.decode(notes["failure"], type=FailureNote)
-        if note.expected:
-            raise AcrcError(printable(note.cause))
-        print_output(program_output(child.program))
-        raise AcrcError(f"{context}: {printable(note.cause)}")
-    if child.exit_code == 0 and "run" in notes:
-        return
-    output = program_output(child.program)
-    place = _HUNG.search(output)
-    if place is not None:
-        where = f"{Path(place[1]).name}:{place[2]}"
-        raise AcrcError(f"{context}: not finished after {limits.patience_s:g} s; it is at {where}")
-    if child.exit_code == 2 and output.strip():  # an error before the strategy was loaded
-        raise AcrcError(output.strip().splitlines()[-1])
-    print_output(output)
-    if hung:
-        raise AcrcError(f"{context}: not finished after {limits.patience_s + limits.grace_s:g} s")
-    assert child.exit_code is not None
-    if child.exit_code < 0:
-        number = signal.Signals(-child.exit_code)
-        raise AcrcError(f"{context}: its process was killed by {number.name}")
-    raise AcrcError(f"{context}: its process ended with exit code {child.exit_code}")
-
-
-def _notes(child: ChildProcess) -> Mapping[str, str]:
-    try:
-        return child.notes()
-    except (OSError, RecordingError):
-        return {}
 
 
 OPERATOR: Final = "operator"

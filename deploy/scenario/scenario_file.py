@@ -246,6 +246,11 @@ def is_scenario(path: Path) -> bool:
     return "map" in content and not is_study(content)
 
 
+def is_model(path: Path) -> bool:
+    """Return whether a file is a robot model; False if it cannot be read."""
+    return "footprint" in readable_tables(path)
+
+
 def readable_tables(path: Path) -> Mapping[str, Any]:
     """Return the tables of a TOML file; none if it cannot be read."""
     try:

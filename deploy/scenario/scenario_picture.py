@@ -21,8 +21,9 @@ from actors.observer import glyphs
 from actors.radio.radio_model import radio_model, required_dbm
 from actors.robot_model import RobotModel
 from actors.world.program import initial_marks
+from deploy.scenario.map_survey import MapSurvey
 from deploy.scenario.resolve import ResolvedScenario
-from deploy.scenario.survey import MapSurvey, ScenarioSurvey
+from deploy.scenario.survey import ScenarioSurvey
 
 _LATTICE: Final = 0.25
 """Spacing of the points at which radio range is computed, m."""

@@ -15,7 +15,7 @@ from actors.geometry import Pose
 from actors.instant import START, Duration, Instant, in_seconds, milliseconds
 from actors.messages import NO_ECHO_MM, Drive, RobotTruth
 from actors.portable import arrays, cos, sin
-from actors.radio.radio_model import RadioSetup, radio_model
+from actors.radio.radio_model import RadioSetup, radio_parameters
 from actors.randomness import generator
 from actors.robot_model import RobotModel, interpolate, load_model
 from actors.runtime import typed_json
@@ -355,7 +355,7 @@ class Laboratory:
         errors = self._errors[index] if robot.odometry == "kobuki" else NO_ERRORS
         radio: EmulatedBoard | SimulatedTransceiver
         if robot.id in setup.without_board:
-            channel = radio_model(setup.radio).parameters.channel
+            channel = radio_parameters(setup.radio).channel
             settings = BoardSettings(dict(setup.radio.robots)[robot.id], channel)
             radio = SimulatedTransceiver(self.medium, settings)
         else:

@@ -170,8 +170,7 @@ class ScanChecks:
     def __init__(self, mount: Pose, track: float) -> None:
         """Create it; `mount`: pose of the range sensor on the body, `track`: of the wheels, m."""
         # Compile or load the kernels before the robot drives; some seconds without a cache.
-        direction(np.zeros(1))
-        arrays.hypot(np.zeros(1), np.zeros(1))
+        arrays.fingerprint()
         self._mount, self._track = mount, track
         self._sweeps: deque[SensorSweep] = deque()
         """Echoes only."""

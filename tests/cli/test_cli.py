@@ -32,7 +32,10 @@ from tests import in_process
 TREE = command_tree()
 
 
-HEAVY = ("distributed", "matplotlib", "numba", "pyarrow", "pymunk", "rerun", "scipy", "zenoh")
+HEAVY = {
+    *("distributed", "matplotlib", "numba", "pyarrow", "pydantic", "pymunk", "rerun", "scipy", "zenoh"),
+    *("PIL", "mcap", "msgspec", "numpy", "yaml", "acrc_testbed.benchmarks"),
+}
 
 
 def acrc(*arguments: str, cwd: Path = ROOT) -> tuple[int, str, str]:
@@ -105,16 +108,25 @@ def test_help_fits_into_80_columns() -> None:
             assert "..." not in line or line.startswith("Usage: "), (words, line)
 
 
-def test_help_and_lists_import_no_heavy_package() -> None:
+@pytest.mark.parametrize(
+    ("words", "allowed"),
+    [
+        ("list strategies", ""),
+        ("run --help", ""),
+        ("scenario maps/corridor.yaml", "numpy msgspec PIL yaml"),
+        ("scenario scenarios/corridor.toml", "numpy msgspec PIL yaml mcap"),
+    ],
+)
+def test_a_command_imports_what_it_uses(words: str, allowed: str) -> None:
     program = (
         "import sys, acrc_testbed.command_line.app as a; a.app(standalone_mode=False); print([*sys.modules])"
     )
     done = subprocess.run(
-        [sys.executable, "-P", "-c", program, "list", "strategies"],
+        [sys.executable, "-P", "-c", program, *words.split()],
         cwd=ROOT, env={"PYTHONPATH": str(ROOT)}, capture_output=True, text=True, check=True,
     )  # fmt: skip
     imported = set(ast.literal_eval(done.stdout.splitlines()[-1]))
-    assert "cleaning.strategies" in imported and not imported & {*HEAVY, "acrc_testbed.benchmarks"}
+    assert imported & HEAVY == {*allowed.split()}
 
 
 def test_commands_for_developers_are_listed_separately() -> None:

@@ -2,6 +2,8 @@
 
 import math
 import shutil
+import sys
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -12,7 +14,7 @@ from msgspec.structs import replace
 from numpy.typing import NDArray
 from scipy import ndimage
 
-from actors.floor import raster
+from actors.floor import raster, raster_arrays
 from actors.floor.grid import Cell, OccupancyGrid, SharedCache
 from actors.floor.map_file import load_map
 from actors.floor.raster import bearing_to, equal_squares, free_squares, half_width, window
@@ -20,6 +22,8 @@ from actors.geometry import Point
 from actors.robot.localisation import likelihood_field
 from actors.robot.navigation.planning import PLANNER_PRESETS, planning_grid
 from tests.floor.maps import plan, random_plan
+
+CORRIDOR = Path(__file__).parents[2] / "maps" / "corridor.yaml"
 
 
 def brute_clearance(grid: OccupancyGrid, point: Point) -> float:
@@ -50,11 +54,44 @@ def test_squared_distance_is_that_of_scipy(seed: int, rows: int, columns: int, s
     mask[0, 0] = True  # scipy has no answer for an empty mask
     nearest = ndimage.distance_transform_edt(~mask, return_distances=False, return_indices=True)
     exact = ((np.indices(mask.shape) - nearest) ** 2).sum(axis=0)
-    assert np.array_equal(raster.squared_distance(mask), exact)
+    assert np.array_equal(raster._squared_distance(mask), exact)
+    assert np.array_equal(raster_arrays.squared_distance(mask), exact)
+    limited = raster_arrays.squared_distance(mask, 10)
+    assert np.array_equal(np.minimum(limited, 10), np.minimum(exact, 10))
 
 
-def test_the_distance_without_true_cells_is_infinite() -> None:
-    assert np.isposinf(raster.squared_distance(np.zeros((3, 4), dtype=np.bool_))).all()
+@pytest.mark.parametrize("squared_distance", [raster._squared_distance, raster_arrays.squared_distance])
+def test_the_distance_without_true_cells_is_infinite(
+    squared_distance: Callable[[NDArray[np.bool_]], NDArray[np.float64]],
+) -> None:
+    assert np.isposinf(squared_distance(np.zeros((3, 4), dtype=np.bool_))).all()
+
+
+def assert_arrays_have_the_results_of_kernels(mask: NDArray[np.bool_]) -> None:
+    ringed = np.pad(mask, 1, constant_values=True)
+    labels, largest = raster._regions(mask)
+    found, most = raster_arrays.regions(mask)
+    assert (found.tobytes(), found.dtype, most) == (labels.tobytes(), labels.dtype, largest)
+    for name in ("squared_clearance", "squared_distance"):
+        one, other = getattr(raster_arrays, name)(ringed), getattr(raster, f"_{name}")(ringed)
+        assert (one.tobytes(), one.dtype) == (other.tobytes(), other.dtype)
+
+
+@given(st.integers(0, 2**32), st.integers(1, 30), st.integers(1, 30), st.floats(0.0, 1.0))
+def test_arrays_have_the_results_of_kernels(seed: int, rows: int, columns: int, share: float) -> None:
+    assert_arrays_have_the_results_of_kernels(np.random.default_rng(seed).random((rows, columns)) < share)
+
+
+@pytest.mark.parametrize("name", sorted(path.stem for path in CORRIDOR.parent.glob("*.yaml")))
+def test_arrays_have_the_results_of_kernels_on_maps(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    grid = load_map(CORRIDOR.with_name(f"{name}.yaml"))
+    assert_arrays_have_the_results_of_kernels(grid.blocking)
+    seed = Cell(*map(int, np.argwhere(grid.free)[0]))
+    compiled = raster.clearance(grid.blocking, grid.resolution), raster.flood(grid.free, *seed)
+    monkeypatch.delitem(sys.modules, "numba")
+    found = raster.clearance(grid.blocking, grid.resolution), raster.flood(grid.free, *seed)
+    assert [one.tobytes() for one in found] == [one.tobytes() for one in compiled]
+    assert not raster.flood(grid.free, *np.argwhere(grid.blocking)[0]).any()
 
 
 @given(st.integers(0, 2**32), st.integers(1, 30), st.integers(1, 30), st.floats(0.0, 0.6))
@@ -114,9 +151,6 @@ def test_no_ray_outside_of_the_windows_meets_the_disc(
         away = math.remainder(heading + first_angle + ray * increment - math.atan2(y, x), 2 * math.pi)
         assert apart > radius
         assert abs(away) > math.asin(radius / apart)
-
-
-CORRIDOR = Path(__file__).parents[2] / "maps" / "corridor.yaml"
 
 
 class Thing:

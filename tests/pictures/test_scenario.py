@@ -7,7 +7,7 @@ from PIL import Image
 
 from actors.installation.repository import REPOSITORY as ROOT
 from actors.items import ItemKey
-from deploy.scenario import scenario_picture, survey
+from deploy.scenario import map_survey, scenario_picture, survey
 from deploy.scenario.resolve import resolve
 from deploy.scenario.scenario_file import Overrides, load_scenario
 from tests.in_process import acrc
@@ -91,7 +91,9 @@ def test_the_link_margin_is_zero_at_the_range_and_lower_behind_walls() -> None:
 
 
 def test_options_override_the_file_and_wrong_ones_are_reported(tmp_path: Path) -> None:
-    more = [*survey.sentences(survey.survey(resolve(load_scenario(CHAPTER, Overrides(robots=6, seed=3)))))]
+    more = [
+        *map_survey.sentences(survey.survey(resolve(load_scenario(CHAPTER, Overrides(robots=6, seed=3)))))
+    ]
     assert more[0] == "6 robots, 60 places, 600 s at most, strategy chapter, seed 3"
     for words, told in (
         ((CHAPTER, "--png", tmp_path / "a.gif"), "must be a file in an existing folder, with the suffix"),

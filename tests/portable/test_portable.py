@@ -3,6 +3,7 @@
 import math
 import re
 import statistics
+import sys
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import lru_cache
@@ -173,7 +174,7 @@ def each(function: Callable[..., float], arguments: tuple[Any, ...]) -> Any:
 
 
 @pytest.mark.parametrize("function", FUNCTIONS, ids=lambda one: str(one.name))
-def test_python_kernels_and_arrays_agree(function: Function) -> None:
+def test_python_kernels_and_arrays_agree(function: Function, monkeypatch: pytest.MonkeyPatch) -> None:
     usual = function.arguments(np.random.default_rng(3), 100)
     if len(usual) == 1:
         arguments: tuple[Any, ...] = (np.concatenate([usual[0], BOTH]),)
@@ -190,6 +191,9 @@ def test_python_kernels_and_arrays_agree(function: Function) -> None:
     assert bits(np.array(plain)[numbers]) == bits(kernel[numbers])
     if array := getattr(arrays, function.name, None):
         assert bits(array(*arguments)[numbers]) == bits(kernel[numbers])
+        monkeypatch.delitem(sys.modules, "numba")
+        few = [values[None, :1000] for values in arguments]
+        assert bits(array(*few).reshape(-1)[numbers[:1000]]) == bits(kernel[:1000][numbers[:1000]])
 
 
 @settings(max_examples=300, deadline=None)

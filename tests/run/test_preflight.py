@@ -13,7 +13,7 @@ from cleaning.place import points
 from deploy.run import swarm
 from deploy.run.options import RunOptions
 from deploy.run.plan import RunPlan
-from deploy.run.swarm import PreflightLimits, preflight
+from deploy.run.preflight import PreflightLimits, preflight
 from tests.scenario.faults import scenario
 
 STUDY = """

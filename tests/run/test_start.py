@@ -189,9 +189,9 @@ def test_robots_in_memory_compute_the_walls_distances_once(
     shapes: list[tuple[int, ...]] = []
     compute = raster.squared_distance
 
-    def counted(mask: NDArray[np.bool_]) -> NDArray[np.float64]:
+    def counted(mask: NDArray[np.bool_], *limit: int) -> NDArray[np.float64]:
         shapes.append(mask.shape)
-        return compute(mask)
+        return compute(mask, *limit)
 
     monkeypatch.setattr(raster, "squared_distance", counted)
     run_in_memory(planned, lambda progress: None)

@@ -8,9 +8,10 @@ import pytest
 from PIL import Image
 
 from actors.installation.repository import SHIPPED
+from deploy.scenario.map_survey import json_content, sentences
 from deploy.scenario.resolve import resolve
 from deploy.scenario.scenario_file import Overrides, load_scenario, parse
-from deploy.scenario.survey import json_content, scenario_warnings, sentences, survey
+from deploy.scenario.survey import scenario_warnings, survey
 from deploy.scenario.tables import Scenario
 from tests.recorded_runs import record
 

@@ -22,9 +22,10 @@ from actors.runtime.codec import decode, encode
 from actors.runtime.errors import AcrcError
 from actors.runtime.replay_bus import topic_of
 from deploy.control.scene import Scene
+from deploy.scenario.map_survey import sentences
 from deploy.scenario.resolve import resolve
 from deploy.scenario.scenario_file import Overrides, load_scenario, parse
-from deploy.scenario.survey import sentences, survey
+from deploy.scenario.survey import survey
 from tests.recorded_runs import record
 from tests.swarm.command import ROOT
 

@@ -11,10 +11,10 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from actors.array_types import Floats, Indices, Octets, Singles
 from actors.floor.grid import OCCUPIED, UNKNOWN, Cell, OccupancyGrid, SharedCache
+from actors.floor.raster import squared_distance
 from actors.geometry import Point
 from actors.robot.navigation import ray_tracing
 from actors.robot.navigation.cost_map import INSCRIBED, Inflation
@@ -61,15 +61,12 @@ def _global_costs(plan: OccupancyGrid, radius: float, parameters: PlanningParame
 
 def static_costs(plan: OccupancyGrid, inflation: Inflation) -> Octets:
     """Return costmap_2d's costs of the floor plan: (rows, columns), 254 in walls, 255 in unknown space."""
-    costs = _inflated(plan.cells == OCCUPIED, inflation, plan.resolution)
+    beyond = inflation.reach(plan.resolution) + 1
+    limit = beyond * beyond
+    squared = np.minimum(squared_distance(plan.cells == OCCUPIED, limit), limit).astype(np.int16)
+    costs = inflation.table(plan.resolution)[squared]
     costs[(plan.cells == UNKNOWN) & (costs < INSCRIBED)] = _NO_INFORMATION
     return costs
-
-
-def _inflated(marked: NDArray[np.bool_ | np.uint8], inflation: Inflation, cell: float) -> Octets:
-    """Return the costs around marked cells of side `cell`, m."""
-    squared = squared_within(marked.astype(np.uint8), inflation.reach(cell))
-    return inflation.table(cell)[squared]
 
 
 def _cell_costs(costs: Octets, parameters: PlanningParameters) -> Octets:
@@ -85,8 +82,8 @@ def occupied(cost_map: GlobalCosts, marks: Floats, parameters: PlanningParameter
     plan, inflation = cost_map.plan, cost_map.inflation
 
     def near(window: Window, marked: Octets) -> Octets:
-        added = _cell_costs(_inflated(marked, inflation, plan.resolution), parameters)
-        return np.maximum(cost_map.costs[window], added)
+        costs = inflation.table(plan.resolution)[squared_within(marked, reach)]
+        return np.maximum(cost_map.costs[window], _cell_costs(costs, parameters))
 
     reach = inflation.reach(plan.resolution)
     return with_marks(cost_map.costs, plan, plan.clearance, marks, parameters.wall, reach, near)

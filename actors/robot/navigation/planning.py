@@ -165,7 +165,8 @@ def _wide_enough(plan: OccupancyGrid, reach: float, factor: int, narrowest: floa
     middle = plan.clearance >= narrowest / 2 - 1e-9
     middle[:-1, :-1] |= square
     middle[1:, 1:] |= square
-    away = cell * np.sqrt(squared_distance(middle))
+    beyond = math.ceil((narrowest + cell) / 2 / cell) + 1
+    away = cell * np.sqrt(squared_distance(middle, beyond * beyond))
     return _coarse((narrowest + cell) / 2 - reach - away, factor) >= -1e-9
 
 
