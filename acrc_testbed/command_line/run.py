@@ -159,7 +159,7 @@ def run(
     permit = permission(modules, trust=trust)
     from deploy.hosts.address import dask_address
     from deploy.run.options import RunOptions, run_folder_name
-    from deploy.run.start import prepare_run, start_run, with_claimed_folder
+    from deploy.run.start import early_launcher, prepare_run, start_run, with_claimed_folder
     from deploy.scenario.scenario_file import DEFAULT_SCENARIO, Overrides, parse_settings
 
     overrides = Overrides(
@@ -198,15 +198,16 @@ def run(
         log=tuple(log or ()),
         followed=tuple(robot or ()),
     )
-    prepared = prepare_run(file, overrides, options, permit, limit or ())
-    runner = None
-    if hardware:
-        from deploy.fleet import hardware_in_the_loop
+    with early_launcher(options) as launcher:
+        prepared = prepare_run(file, overrides, options, permit, limit or ())
+        runner = None
+        if hardware:
+            from deploy.fleet import hardware_in_the_loop
 
-        runner = hardware_in_the_loop.run
-    if out is None:
-        prepared = with_claimed_folder(prepared)
-    result = start_run(prepared, quiet=json, by=runner)
+            runner = hardware_in_the_loop.run
+        if out is None:
+            prepared = with_claimed_folder(prepared)
+        result = start_run(prepared, quiet=json, by=runner, launcher=launcher)
     from acrc_testbed.results import summary
     from acrc_testbed.results.result import require_delivery
 

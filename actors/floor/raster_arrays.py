@@ -69,9 +69,9 @@ def runs(flags: Flags) -> tuple[Indices, Indices, Indices]:
 
 
 def regions(passable: Flags) -> tuple[Int32s, int]:
-    """Return each cell's 4-connected region, from 1 in row order (0 = not passable), and the largest one.
+    """Return each cell's 4-connected region, from 1 in row order (0 = not passable), and the (first) largest.
 
-    Of equal regions the first; 1 if there is none. `passable` and regions: (rows, columns).
+    1 if there is none. `passable` and regions: (rows, columns).
     """
     labels = np.zeros(passable.shape, np.int32)
     line, begin, end = runs(passable)

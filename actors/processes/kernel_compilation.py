@@ -9,6 +9,7 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager, suppress
+from functools import cache
 from importlib.metadata import version
 from pathlib import Path
 from typing import Final
@@ -41,21 +42,32 @@ def compile_kernels(*, quiet: bool = False, onboard: bool = False) -> None:
 
     `onboard`: only a robot's kernels: its computer has no world, and maybe no pymunk.
     """
-    stamp, sources = cache_folder() / _DONE, source_hash(kernel_sources())
-    own_entry, full_entry = (
-        f"{sources} {_environment()}, {part}" for part in ("robot" if onboard else "all", "all")
-    )
-    with suppress(OSError):
-        if {own_entry, full_entry} & set(stamp.read_text().splitlines()):
-            return
+    if are_compiled(onboard=onboard):
+        return
     modules = kernel_modules(onboard=onboard)
     with _progress(len(modules), quiet=quiet) as report_progress:
         _Compilation(modules, report_progress).run()
     prune_cache()
     with suppress(OSError):  # without a cache they are checked again next time
+        stamp = cache_folder() / _DONE
         stamp.parent.mkdir(parents=True, exist_ok=True)
         with stamp.open("a") as file:
-            file.write(f"{own_entry}\n")
+            file.write(f"{_entry(onboard=onboard)}\n")
+
+
+def are_compiled(*, onboard: bool = False) -> bool:
+    """Return whether all kernels of a run are compiled; `onboard`: those of a robot."""
+    with suppress(OSError):
+        done = (cache_folder() / _DONE).read_text().splitlines()
+        return _entry(onboard=onboard) in done or _entry(onboard=False) in done
+    return False
+
+
+@cache
+def _entry(*, onboard: bool) -> str:
+    """Return the line of the stamp for these sources and this computer."""
+    part = "robot" if onboard else "all"
+    return f"{source_hash(kernel_sources())} {_environment()}, {part}"
 
 
 class _Compilation:

@@ -67,12 +67,36 @@ def output_folder(out: Path, *, quiet: bool) -> Iterator[None]:
         yield
 
 
+@contextmanager
+def early_launcher(options: RunOptions) -> Iterator["Launcher | None"]:
+    """Start the server of a run's processes, which imports their modules while this process plans.
+
+    None for a run without it, and if the kernels are not compiled yet.
+    """
+    if options.bus == "zenoh" and not options.hardware:
+        from actors.processes.launcher import create_launcher  # noqa: PLC0415
+
+        with create_launcher(options.spawn) as launcher:
+            from actors.processes.kernel_compilation import are_compiled  # noqa: PLC0415
+
+            if are_compiled():
+                yield launcher
+                return
+    yield None
+
+
 def start_run(
-    prepared: PreparedRun, *, quiet: bool = False, replaces: str = "", by: "RunFunction | None" = None
+    prepared: PreparedRun,
+    *,
+    quiet: bool = False,
+    replaces: str = "",
+    by: "RunFunction | None" = None,
+    launcher: "Launcher | None" = None,
 ) -> "RunResult":
     """Execute a run. Raises AcrcError.
 
     `replaces`: file that identifies a folder that may be replaced. `by`: called instead of `swarm.run`.
+    `launcher`: if already started.
     """
     scenario, options = prepared
     replacing = out_folder.replace_folder(options.out, replaces) if replaces else nullcontext()
@@ -82,10 +106,11 @@ def start_run(
         from actors.processes.launcher import create_launcher  # noqa: PLC0415
 
         # the forkserver imports the actors' modules while this process imports those of the run
-        with create_launcher(options.spawn) if options.bus == "zenoh" else nullcontext() as launcher:
+        starts_server = options.bus == "zenoh" and launcher is None
+        with create_launcher(options.spawn) if starts_server else nullcontext(launcher) as active:
             from deploy.run import swarm  # noqa: PLC0415
 
-            return swarm.run(scenario, options, launcher)
+            return swarm.run(scenario, options, active)
 
 
 HEAD_ON: Final = SHIPPED / "scenarios" / "head_on.toml"
