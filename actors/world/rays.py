@@ -6,7 +6,6 @@ from typing import Any, Final
 import numpy as np
 
 from actors.array_types import Floats, Int64s, Octets, Records, UInt16s
-from actors.floor.grid import runs
 from actors.floor.raster import (
     Ray,
     bearing_to,
@@ -17,6 +16,7 @@ from actors.floor.raster import (
     square_at,
     window,
 )
+from actors.floor.raster_arrays import runs
 from actors.kernels import kernel, njit
 from actors.portable import arrays
 from actors.portable.compiled import cos_sin, hypot
