@@ -75,7 +75,8 @@ class Replicas:
         self._forget_after = forget_after
         self._counters = counters
         self._authenticated = authenticated
-        self._by_id: dict[str, Replica] = {}
+        self.by_id: dict[str, Replica] = {}
+        """Replicas in order of id."""
         self._versions: dict[str, Version] = {}
         self._older: dict[str, tuple[Version, int]] = {}
         """Last older version received since the replica was dropped, and number of increases."""
@@ -83,14 +84,14 @@ class Replicas:
         """Lower bound of all `heard`, so that `drop_old` rarely iterates."""
 
     def __iter__(self) -> Iterator[Replica]:
-        return iter(self._by_id.values())
+        return iter(self.by_id.values())
 
     def __len__(self) -> int:
-        return len(self._by_id)
+        return len(self.by_id)
 
     def get(self, component: str) -> Replica | None:
         """Return the replica of a component; None if there is none."""
-        return self._by_id.get(component)
+        return self.by_id.get(component)
 
     def accepts(self, component: str, version: Version) -> bool:
         """Return whether a version is newer than any received, also of replicas dropped since.
@@ -101,7 +102,7 @@ class Replicas:
         known = self._versions.get(component)
         if known is None or version > known:
             return True
-        if self._authenticated or component in self._by_id:
+        if self._authenticated or component in self.by_id:
             return False
         older, increases = self._older.get(component, (version, 0))
         increases += version > older
@@ -120,15 +121,15 @@ class Replicas:
             del self._versions[forgotten]
             self._older.pop(forgotten, None)
         self._oldest = min(self._oldest, replica.heard)
-        before = self._by_id.get(component)
+        before = self.by_id.get(component)
         if before is not None:
-            self._by_id[component] = replica
+            self.by_id[component] = replica
             return before
-        if len(self._by_id) >= self._most:
+        if len(self.by_id) >= self._most:
             self._counters.replicas_evicted += 1
-            del self._by_id[min(self._by_id.values(), key=lambda one: (one.heard, one.id)).id]
-        self._by_id[component] = replica
-        self._by_id = dict(sorted(self._by_id.items()))
+            del self.by_id[min(self.by_id.values(), key=lambda one: (one.heard, one.id)).id]
+        self.by_id[component] = replica
+        self.by_id = dict(sorted(self.by_id.items()))
         return None
 
     def drop_old(self, now: Instant) -> None:
@@ -137,7 +138,7 @@ class Replicas:
             return
         old = [one.id for one in self if now - one.heard > self._forget_after]
         for component in old:
-            del self._by_id[component]
+            del self.by_id[component]
         self._oldest = min((one.heard for one in self), default=now)
         self._counters.replicas_forgotten += len(old)
 
@@ -197,15 +198,16 @@ class Relay:
         self._plan = plan
         self._send = send
         self._counters = counters
-        self._waiting: dict[str, _WaitingPacket] = {}
+        self.waiting: dict[str, _WaitingPacket] = {}
+        """Waiting packets by component."""
         self._scheduled = 0
         """Number of scheduled tasks, including those of cancelled packets."""
 
     def cancel_older(self, packet: KnowledgePacket) -> None:
         """Cancel a waiting packet up to the version of `packet`, sent by another node."""
-        waiting = self._waiting.get(packet.component)
+        waiting = self.waiting.get(packet.component)
         if waiting is not None and waiting.version <= packet.version:
-            del self._waiting[packet.component]
+            del self.waiting[packet.component]
             self._counters.relays_cancelled += 1
 
     def should_relay(self, packet: KnowledgePacket, rssi_dbm: float | None) -> bool:
@@ -219,15 +221,15 @@ class Relay:
         if self._scheduled >= self._parameters.max_waiting:
             self._counters.relays_refused += 1
             return
-        waiting = self._waiting[packet.component] = new_tuple(
+        waiting = self.waiting[packet.component] = new_tuple(
             _WaitingPacket, (packet.version, increment_hops(data))
         )
         instant = Instant(heard + self._parameters.delay(rssi_dbm, self._random_share(packet)))
 
         def relay_packet(now: Instant) -> None:
             self._scheduled -= 1
-            if self._waiting.get(packet.component) is waiting:
-                del self._waiting[packet.component]
+            if self.waiting.get(packet.component) is waiting:
+                del self.waiting[packet.component]
                 self._counters.relayed += 1
                 self._send(now, waiting.data)
 
@@ -236,8 +238,8 @@ class Relay:
 
     def clear(self) -> None:
         """Cancel all waiting packets; their scheduled tasks must not run any more."""
-        self._counters.relays_cancelled += len(self._waiting)
-        self._waiting.clear()
+        self._counters.relays_cancelled += len(self.waiting)
+        self.waiting.clear()
         self._scheduled = 0
 
     def _random_share(self, packet: KnowledgePacket) -> float:
@@ -276,7 +278,7 @@ class NetworkParameters:
 @lru_cache(maxsize=16)
 def _shared_unpacker(registry: RoleRegistry, limits: LinkParameters) -> Unpacker:
     """Return the unpacker of all nodes of this process with this registry: each packet is decoded once."""
-    return Unpacker(limits, 256, registry.fingerprints)
+    return Unpacker(limits, known=registry.fingerprints)
 
 
 ReplicaUpdate = tuple[Replica | None, Replica]
@@ -314,6 +316,7 @@ class Network:
         self._statistics = statistics
         self._counters = statistics.counters
         self._unpacker = _shared_unpacker(registry, parameters.link)
+        registry.nodes.add(address)
         self._publications = 0
         self._reassembly = Reassembly(parameters.link)
         self._fragmenter = Fragmenter(address & 0xFF, parameters.link, first=epoch * _EPOCH_STRIDE)
@@ -340,8 +343,7 @@ class Network:
             self._counters.published += 1
             packet = KnowledgePacket(value.id, version, 0, self._registry.pack(value))
             self._send(now, pack(packet, self._limits, self._authenticator))
-        for replica in self.replicas:
-            self._statistics.sample_age(replica.heard, now)
+        self._statistics.sample_ages([replica.heard for replica in self.replicas], now)
 
     def take(self, reception: Reception) -> list[ReplicaUpdate]:
         """Return the replicas changed by the packets that this frame completes."""
@@ -398,9 +400,13 @@ class Network:
         if component in self._own:
             counters.packets_own += 1
             return None
-        if relay is not None:
+        if relay is not None and component in relay.waiting:
             relay.cancel_older(packet)
-        if not self.replicas.accepts(component, packet.version):
+        held = self.replicas.by_id.get(component)
+        # Most packets have no news: the first test saves them a call.
+        if (held is not None and packet.version <= held.version) or not self.replicas.accepts(
+            component, packet.version
+        ):
             counters.packets_old += 1
             return None
         unpacked = self._registry.unpack(component, packet.roles)

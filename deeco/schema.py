@@ -25,7 +25,7 @@ from deeco.link import DEFAULTS, LinkParameters
 __all__ = ["MalformedDataError", "Resolution", "RoleRegistry", "UnpackedRoles"]
 
 _ID = "id"
-_MOST_UNPACKED = 256
+_MOST_UNPACKED = 128
 """Packets whose decoded roles are cached: among nodes of one process, each is decoded once."""
 
 
@@ -96,8 +96,10 @@ class RoleRegistry:
         self._by_class: dict[type[Knowledge], _Role] = {}
         self._played: dict[type[Knowledge], tuple[_Role, ...]] = {}
         self._limits = limits
+        self.nodes: set[int] = set()
+        """Addresses of the nodes with this registry; if there are several, decoded roles are cached."""
         self._unpacked: dict[tuple[str, int], tuple[object, UnpackedRoles]] = {}
-        """Last valid packets, with their encoded roles, for other nodes that receive them."""
+        """Last valid packets, with their encoded roles."""
         for cls in roles:
             if cls not in self._by_class:
                 self._add(_Role(cls, limits))
@@ -152,10 +154,10 @@ class RoleRegistry:
 
         A packet is invalid if it repeats a role or if a role's fields do not match its encoding exactly.
         """
+        is_shared = len(self.nodes) > 1
         place = component, id(packed)
-        known = self._unpacked.get(place)
-        if known is not None and known[0] is packed:
-            return known[1]
+        if is_shared and place in self._unpacked and self._unpacked[place][0] is packed:
+            return self._unpacked[place][1]
         found: dict[int, Knowledge] = {}
         try:
             for key, fields in packed:
@@ -167,9 +169,10 @@ class RoleRegistry:
         except MalformedDataError:
             return None
         unpacked = new_tuple(UnpackedRoles, (tuple(found.values()), len(packed) - len(found)))
-        if len(self._unpacked) >= _MOST_UNPACKED:
-            del self._unpacked[next(iter(self._unpacked))]
-        self._unpacked[place] = packed, unpacked
+        if is_shared:
+            if len(self._unpacked) >= _MOST_UNPACKED:
+                del self._unpacked[next(iter(self._unpacked))]
+            self._unpacked[place] = packed, unpacked
         return unpacked
 
 

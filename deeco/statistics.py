@@ -1,10 +1,11 @@
 """Counters of a node."""
 
 from collections import Counter
+from collections.abc import Iterable
 from dataclasses import asdict, dataclass, field
 from typing import Any, Final
 
-from deeco.instant import Duration, Instant, milliseconds
+from deeco.instant import Instant, milliseconds
 
 _BIN: Final = milliseconds(50)
 
@@ -58,10 +59,9 @@ class Statistics:
     ages: Counter[int] = field(default_factory=Counter)
     """Ages of all replicas at each publication: counts by upper bin edge, ms."""
 
-    def sample_age(self, heard: Instant, now: Instant) -> None:
-        """Count one replica in the histogram of ages."""
-        age: Duration = Duration(now - heard)
-        self.ages[(age // _BIN + 1) * _BIN // 1000] += 1
+    def sample_ages(self, heard: Iterable[Instant], now: Instant) -> None:
+        """Count replicas in the histogram of ages."""
+        self.ages.update([((now - one) // _BIN + 1) * _BIN // 1000 for one in heard])
 
     def outcome(self) -> dict[str, dict[Any, int]]:
         """Return all counts in a fixed order: `counters`, `exchanges`, `replica_age_ms`."""

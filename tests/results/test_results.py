@@ -164,7 +164,7 @@ def test_counters_of_a_node_are_read_unchanged() -> None:
     statistics.exchanges["Swap"] += 1
     true_ages = [milliseconds(age) for age in (0, 49, 50, 120, 999, 1000)]
     for age in true_ages:
-        statistics.sample_age(Instant(0), Instant(age))
+        statistics.sample_ages([Instant(0)], Instant(age))
     said_by_node = {"deeco": msgspec.Raw(msgspec.json.encode(statistics.outcome()))}
     node = decode_subject(RECORD, said_by_node, "deeco", NodeReport, "a node")
     assert node is not None
