@@ -211,12 +211,14 @@ def _warn_if_incomplete(out: Path, run: "RunData") -> None:
 
 def _draw(folders: Sequence[Path], pages: Sequence[Path], movie: Path | None, speed: float) -> Sequence[Path]:
     """Draw a run, or several side by side, into each page and, if given, into `movie`; return the files."""
-    from acrc_testbed.picture import run_html, run_movie, run_page
+    from acrc_testbed.picture import run_page
     from acrc_testbed.recordings.topics import partial_run_sentence
     from acrc_testbed.run_model.simulated_runs import read_run
     from deploy.run import out_folder
 
     if movie is not None:
+        from acrc_testbed.picture import run_movie
+
         run_movie.check(movie)
     runs = [read_run(folder) for folder in folders]
     run, *others = runs
@@ -228,8 +230,12 @@ def _draw(folders: Sequence[Path], pages: Sequence[Path], movie: Path | None, sp
         with out_folder.convert_write_errors(page.parent):
             if others:
                 run_page.write_several(runs, page)
+            elif page.suffix == ".html":
+                from acrc_testbed.picture import run_html
+
+                run_html.write(run, page)
             else:
-                (run_html if page.suffix == ".html" else run_page).write(run, page)
+                run_page.write(run, page)
     if movie is None:
         return pages
     with out_folder.convert_write_errors(movie.parent):
