@@ -186,7 +186,10 @@ def test_extras_are_added_when_a_command_needs_them(clone: Clone) -> None:
     with (clone.folder / "constraints.txt").open("a") as file:
         file.write("# changed\n")
     _, _, err = clone.call("--help")
-    assert "acrc: installing this project and 24 packages: base observe sim\n" in err and "creating .venv" not in err
+    assert (
+        "acrc: installing this project and 24 packages: base observe sim\n" in err
+        and "creating .venv" not in err
+    )
 
 
 def test_a_command_installs_the_extras_that_it_needs() -> None:

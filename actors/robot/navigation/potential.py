@@ -182,18 +182,18 @@ def _add_if_lower(
     here: np.float32,
     aside: Singles,
     entrance: Octets,
-    block: NDArray[np.uint32],
-    count: np.uint64,
+    blocks: NDArray[np.uint32],
+    end: np.uint64,
 ) -> np.uint64:
-    """Add a neighbour to a block of `count` cells if `here` may lower its potential; return the new count.
+    """Add a neighbour to the block that ends at `end` if `here` may lower its potential; return the new end.
 
     Branchless, since the branch is unpredictable: the neighbour is always written behind the last cell.
     """
     cost = entrance[near]
     wakes = potential > np.float32(here + aside[cost])
     entrance[near] = _WAITING if wakes else cost
-    block[count] = near
-    return count + np.uint64(wakes)
+    blocks[end] = near
+    return end + np.uint64(wakes)
 
 
 @kernel
@@ -210,39 +210,40 @@ def _wave(costs: Octets, columns: int, root: int, last: int, rise: float) -> Sin
     # unsigned, so that indices need no check for negative values
     field = np.full(costs.size, UNREACHED, np.float32)
     entrance, aside = costs.copy(), _update_thresholds()
-    # a cell is in at most one block; each block has space for all cells and one that is not kept
-    blocks = np.empty((3, costs.size + 1), np.uint32)
-    now, soon, later = blocks[0], blocks[1], blocks[2]
-    threshold = np.float32(IMPASSABLE)
+    # a cell is in at most one block; each block has space for all cells and one that is not kept; blocks are
+    # parts of one array, which begin at `now`, `soon` and `later`: faster than three arrays
     none, one, across, cell = np.uint64(0), np.uint64(1), np.uint64(columns), np.uint64(root)
+    space = np.uint64(costs.size + 1)
+    blocks = np.empty(3 * (costs.size + 1), np.uint32)
+    now, soon, later = none, space, space + space
+    end, end_soon, end_later = now, soon, later
+    threshold = np.float32(IMPASSABLE)
     here = field[cell] = np.float32(0.0)
-    count, count_soon, count_later = none, none, none
     for near in (cell - one, cell + one, cell - across, cell + across):
-        count = _add_if_lower(near, field[near], here, aside, entrance, now, count)
-    while count > none:
-        for i in range(count):
-            entrance[now[i]] = costs[now[i]]
-        for i in range(count):
-            cell = np.uint64(now[i])
+        end = _add_if_lower(near, field[near], here, aside, entrance, blocks, end)
+    while end > now:
+        for i in range(now, end):
+            entrance[blocks[i]] = costs[blocks[i]]
+        i = now
+        while i < end:
+            cell = np.uint64(blocks[i])
+            i += one
             left, right, down, up = cell - one, cell + one, cell - across, cell + across
             at_left, at_right, at_down, at_up = field[left], field[right], field[down], field[up]
             here = _front(at_left, at_right, at_down, at_up, np.float32(costs[cell]))
             if here < field[cell]:
                 field[cell] = here
                 sooner = here < threshold
-                block, n = (soon, count_soon) if sooner else (later, count_later)
-                n = _add_if_lower(left, at_left, here, aside, entrance, block, n)
-                n = _add_if_lower(right, at_right, here, aside, entrance, block, n)
-                n = _add_if_lower(down, at_down, here, aside, entrance, block, n)
-                n = _add_if_lower(up, at_up, here, aside, entrance, block, n)
-                if sooner:
-                    count_soon = n
-                else:
-                    count_later = n
-        now, soon, count, count_soon = soon, now, count_soon, none
-        if count == none:
+                n = end_soon if sooner else end_later
+                n = _add_if_lower(left, at_left, here, aside, entrance, blocks, n)
+                n = _add_if_lower(right, at_right, here, aside, entrance, blocks, n)
+                n = _add_if_lower(down, at_down, here, aside, entrance, blocks, n)
+                n = _add_if_lower(up, at_up, here, aside, entrance, blocks, n)
+                end_soon, end_later = n if sooner else end_soon, end_later if sooner else n
+        now, soon, end, end_soon = soon, now, end_soon, now
+        if end == now:
             threshold = np.float32(threshold + rise)
-            now, later, count, count_later = later, now, count_later, none
+            now, later, end, end_later = later, now, end_later, now
         if last >= 0 and field[last] < UNREACHED:
             break
     return field
