@@ -38,11 +38,8 @@ def start_of(pose: Floats) -> tuple[float, float]:
 
 
 @kernel
-def write_arc(arc: Floats, turn: float, count: int, w: Any) -> None:
-    """Write the arc of `count` points at a turn rate: `count`; x and y of its end at a step of 1; its angle.
-
-    The angle as cosine and sine.
-    """
+def arc_of(turn: float, count: int, w: Any) -> tuple[float, float, float, float]:
+    """Return the end of `count` points at a turn rate: x, y for steps of 1, cosine and sine of its angle."""
     step, steps = w.horizon / count, count - 1
     end_c, end_s = cos_sin(steps * turn * step)
     half_c, half_s = cos_sin(0.5 * turn * step)
@@ -52,25 +49,30 @@ def write_arc(arc: Floats, turn: float, count: int, w: Any) -> None:
         # exp(iφ) - 1 = 2i sin(φ/2) exp(iφ/2)
         right = 0.5 * (end_s * half_c - (end_c - 1.0) * half_s) / half_s
         up = 0.5 * ((1.0 - end_c) * half_c - end_s * half_s) / half_s
-    arc[0], arc[1], arc[2], arc[3], arc[4] = count, right, up, end_c, end_s
+    return right, up, end_c, end_s
 
 
 @kernel
 def predict_end(
-    begin: tuple[float, float, float, float], ahead: float, arc: Floats, nose: float, path: Int32s
+    begin: tuple[float, float, float, float],
+    ahead: float,
+    arc: tuple[float, float, float, float],
+    nose: float,
+    side: int,
 ) -> tuple[bool, float, float, float, float]:
     """Return whether the cells of a trajectory's end are certain, and x and y of its end and of its nose.
 
     Not certain near the border of a cell, and if centre or nose are outside the window. `begin`: x, y, cosine
-    and sine. `ahead`: length of a step, cells. `arc`: of `write_arc`.
+    and sine. `ahead`: length of a step, cells. `arc`: of `arc_of`. `side`: of the window, cells.
     """
     x, y, c, s = begin
-    x += ahead * (c * arc[1] - s * arc[2])
-    y += ahead * (s * arc[1] + c * arc[2])
-    nose_x, nose_y = x + nose * (c * arc[3] - s * arc[4]), y + nose * (s * arc[3] + c * arc[4])
+    right, up, end_c, end_s = arc
+    x += ahead * (c * right - s * up)
+    y += ahead * (s * right + c * up)
+    nose_x, nose_y = x + nose * (c * end_c - s * end_s), y + nose * (s * end_c + c * end_s)
     # all of them, since branches would cost more
     clear = _is_clear(x) & _is_clear(y) & _is_clear(nose_x) & _is_clear(nose_y)
-    return clear & _is_inside(x, y, nose_x, nose_y, path), x, y, nose_x, nose_y
+    return clear & _is_inside(x, y, nose_x, nose_y, side), x, y, nose_x, nose_y
 
 
 @kernel
@@ -80,17 +82,15 @@ def _is_clear(place: float) -> bool:
 
 
 @kernel
-def _is_inside(x: float, y: float, nose_x: float, nose_y: float, path: Int32s) -> bool:
+def _is_inside(x: float, y: float, nose_x: float, nose_y: float, side: int) -> bool:
     """Return True if centre and nose are in the window."""
-    rows, columns = path.shape
-    lowest, right, up = min(x, y, nose_x, nose_y), max(x, nose_x), max(y, nose_y)
-    return (lowest >= 0.0) & (right < columns) & (up < rows)
+    return (min(x, y, nose_x, nose_y) >= 0.0) & (max(x, y, nose_x, nose_y) < side)
 
 
 @kernel
-def _is_reachable(row: int, column: int, waves: Waves) -> bool:
+def _is_reachable(row: int, column: int, path: Int32s, goal: Int32s) -> bool:
     """Return True if path and goal are reachable from a cell."""
-    return bool(max(waves.path[row, column], waves.goal[row, column]) < waves.path.size)
+    return bool(max(path[row, column], goal[row, column]) < path.size)
 
 
 @kernel
@@ -102,6 +102,7 @@ def simulate(
     0 if a point or its nose is outside the window, or if a point is unreachable from path or goal; then the
     points are meaningless (MapGridCostFunction::scoreTrajectory).
     """
+    path, goal, side = waves.path, waves.goal, waves.path.shape[0]
     count = count_of(speed, turn, w)
     step = w.horizon / count
     turned_c, turned_s = cos_sin(turn * step)
@@ -113,9 +114,9 @@ def simulate(
         rounded_c, rounded_s = c - s * off, s + c * off
         column, row = (float(x) - pose[3]) / w.cell, (float(y) - pose[4]) / w.cell
         points[k, 0], points[k, 1], points[k, 2], points[k, 3] = column, row, rounded_c, rounded_s
-        if not _is_inside(column, row, column + w.nose * rounded_c, row + w.nose * rounded_s, waves.path):
+        if not _is_inside(column, row, column + w.nose * rounded_c, row + w.nose * rounded_s, side):
             return 0
-        if not _is_reachable(int(row), int(column), waves):
+        if not _is_reachable(int(row), int(column), path, goal):
             return 0
         x = np.float32(float(x) + speed * rounded_c * step)
         y = np.float32(float(y) + speed * rounded_s * step)
@@ -234,15 +235,28 @@ def _collides(
 
 
 @kernel
-def _cost(obstacle: float, x: float, y: float, nose_x: float, nose_y: float, waves: Waves, w: Any) -> float:
-    """Return the sum of the critics' costs at a trajectory's end, in the original's order."""
+def _cost(
+    obstacle: float,
+    x: float,
+    y: float,
+    nose_x: float,
+    nose_y: float,
+    path: Int32s,
+    goal: Int32s,
+    front: Int32s,
+    w: Any,
+) -> float:
+    """Return the sum of the critics' costs at a trajectory's end, in the original's order.
+
+    The fields of `Waves` one by one, since numba counts references to arrays that it takes from a tuple.
+    """
     row, column, ahead, beside = int(y), int(x), int(nose_y), int(nose_x)
     cost = w.obstacle * obstacle
-    cost += w.front * waves.front[ahead, beside]
+    cost += w.front * front[ahead, beside]
     if w.alignment != 0.0:
-        cost += w.alignment * waves.path[ahead, beside]
-    cost += w.path * waves.path[row, column]
-    cost += w.goal * waves.goal[row, column]
+        cost += w.alignment * path[ahead, beside]
+    cost += w.path * path[row, column]
+    cost += w.goal * goal[row, column]
     return float(cost)
 
 
@@ -275,6 +289,7 @@ def cheapest_velocity(
     most = count_of(max(abs(speeds[0]), abs(speeds[-1])), max(abs(turns[0]), abs(turns[-1])), w)
     points = np.empty((most + 1, 4))
     bounds = _lower_bounds(pose, speeds, turns, barred, squared, waves, table, w)
+    path, goal, front = waves
     first, lowest = -1, INVALID
     for trial in range(-_FIRST_TRIALS, bounds.size):
         # the first ones are those with the lowest bounds, whose costs rule out most of the others
@@ -290,7 +305,7 @@ def cheapest_velocity(
         x, y, c, s = points[count - 1, 0], points[count - 1, 1], points[count - 1, 2], points[count - 1, 3]
         below = cost_below(squared, table, x, y, c, s, outline)
         highest = max(below, table[squared[int(y), int(x)]])
-        cost = _cost(highest, x, y, x + w.nose * c, y + w.nose * s, waves, w)
+        cost = _cost(highest, x, y, x + w.nose * c, y + w.nose * s, path, goal, front, w)
         cheaper = first < 0 or cost < lowest or (cost == lowest and k < first)
         if below >= 0 and cheaper and not _collides(points, count - 1, far, squared, table, outline):
             first, lowest = k, cost
@@ -319,22 +334,19 @@ def _lower_bounds(
     The bound has the cost of the end's centre instead of that below the body; -inf if the end is uncertain.
     """
     begin = (pose[0] - pose[3]) / w.cell, (pose[1] - pose[4]) / w.cell, *start_of(pose)
-    arcs = np.zeros((turns.size, 5))
+    path, goal, front = waves
     bounds = np.full((speeds.size, turns.size), math.inf)
     for i in range(speeds.size):
-        speed = float(speeds[i])
         for j in range(turns.size):
-            turn, arc = float(turns[j]), arcs[j]
+            speed, turn = float(speeds[i]), float(turns[j])
             if _is_barred(speed, turn, barred, w):
                 continue
             count = count_of(speed, turn, w)
-            if arc[0] != count:
-                write_arc(arc, turn, count, w)
-            ahead = speed * (w.horizon / count) / w.cell
-            certain, x, y, nose_x, nose_y = predict_end(begin, ahead, arc, w.nose, waves.path)
+            arc, ahead = arc_of(turn, count, w), speed * (w.horizon / count) / w.cell
+            certain, x, y, nose_x, nose_y = predict_end(begin, ahead, arc, w.nose, path.shape[0])
             if not certain:
                 bounds[i, j] = -math.inf
-            elif _is_reachable(int(y), int(x), waves):
+            elif _is_reachable(int(y), int(x), path, goal):
                 centre = table[squared[int(y), int(x)]]
-                bounds[i, j] = _cost(centre, x, y, nose_x, nose_y, waves, w)
+                bounds[i, j] = _cost(centre, x, y, nose_x, nose_y, path, goal, front, w)
     return bounds.ravel()

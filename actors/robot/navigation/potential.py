@@ -222,8 +222,8 @@ def _wave(costs: Octets, columns: int, root: int, last: int, rise: float) -> Sin
     for near in (cell - one, cell + one, cell - across, cell + across):
         end = _add_if_lower(near, field[near], here, aside, entrance, blocks, end)
     while end > now:
-        for i in range(now, end):
-            entrance[blocks[i]] = costs[blocks[i]]
+        for k in range(now, end):
+            entrance[blocks[k]] = costs[blocks[k]]
         i = now
         while i < end:
             cell = np.uint64(blocks[i])
