@@ -28,13 +28,8 @@ _DONE: Final = "complete"
 
 _MAX_PROCESSES: Final = 4
 """Most processes: one module alone takes a quarter of the time."""
-_COMPILER: Final = """
-import importlib, sys
-from actors.runtime.processor import fingerprints
-for line in sys.stdin:
-    fingerprints([importlib.import_module(line.strip())])
-    print(line.strip(), flush=True)
-"""
+_COMPILER: Final = ("-m", "actors.processes.kernel_compiler")
+"""Options of Python for a process that compiles the modules in its input and prints their names."""
 
 
 def compile_kernels(*, quiet: bool = False, onboard: bool = False) -> None:
@@ -96,7 +91,7 @@ class _Compilation:
     def _compile_modules(self, _: int) -> KernelModule | None:
         """Compile modules in one process; return the module at which it failed, if any."""
         with subprocess.Popen(
-            [*python_command(), "-c", _COMPILER], stdin=subprocess.PIPE, stdout=subprocess.PIPE,
+            [*python_command(), *_COMPILER], stdin=subprocess.PIPE, stdout=subprocess.PIPE,
             stderr=subprocess.DEVNULL, text=True, bufsize=1,
         ) as compiler:  # fmt: skip
             try:

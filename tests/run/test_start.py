@@ -1,7 +1,10 @@
 """Start of a run: kernels and shared data are made once; progress without a terminal."""
 
 import io
+import os
 import shutil
+import subprocess
+import sys
 import time
 from dataclasses import replace
 from pathlib import Path
@@ -24,6 +27,7 @@ from actors.processes.launcher import Program, create_launcher
 from actors.processes.monitor import Timeout
 from actors.robot import assembly
 from actors.robot.stack import Stack
+from actors.runtime.process_table import python_command
 from actors.runtime.recording import scans
 from cleaning import visits
 from cleaning.task import CleaningTask
@@ -47,7 +51,7 @@ def cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 def test_compiling_is_announced_until_the_cache_is_complete(
     cache: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(kernel_compilation, "_COMPILER", "raise SystemExit")
+    monkeypatch.setattr(kernel_compilation, "_COMPILER", ("-c", "raise SystemExit"))
     monkeypatch.setattr(kernel_compilation, "fingerprints", lambda modules: None)
     kernel_compilation.compile_kernels()
     first, second = capsys.readouterr().err.splitlines()
@@ -76,7 +80,7 @@ def test_modules_that_helpers_fail_to_compile_are_compiled(
     cache: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     asked: list[str] = []
-    monkeypatch.setattr(kernel_compilation, "_COMPILER", "raise SystemExit")
+    monkeypatch.setattr(kernel_compilation, "_COMPILER", ("-c", "raise SystemExit"))
     monkeypatch.setattr(kernel_compilation, "kernel_modules", lambda onboard=False: (visits, scans))
     monkeypatch.setattr(
         kernel_compilation, "fingerprints", lambda modules: asked.extend(m.__name__ for m in modules)
@@ -84,6 +88,23 @@ def test_modules_that_helpers_fail_to_compile_are_compiled(
     kernel_compilation.compile_kernels(quiet=True)
     assert sorted(asked) == sorted([visits.__name__, scans.__name__])
     assert (cache / "complete").is_file()
+
+
+@pytest.mark.nightly
+def test_kernels_of_the_compiler_are_those_of_any_other_process(tmp_path: Path) -> None:
+    environment = os.environ | {"NUMBA_CACHE_DIR": str(tmp_path)}
+    command = [*python_command(), *kernel_compilation._COMPILER]
+    module = f"{scans.__name__}\n"
+    done = subprocess.run(command, input=module, env=environment, capture_output=True, text=True, check=True)
+    assert done.stdout == module
+    for whole in tmp_path.rglob("*.whole.*"):
+        whole.unlink()  # compiled again from the compiler's kernels for kernels
+    program = f"from {scans.__name__} import fingerprint; print(fingerprint().hex())"
+    for _ in range(2):  # compiled, then loaded
+        done = subprocess.run(
+            [sys.executable, "-c", program], env=environment, capture_output=True, text=True, check=True
+        )
+        assert bytes.fromhex(done.stdout) == scans.fingerprint()
 
 
 def test_a_run_compiles_every_module_once_and_a_robots_computer_nothing_of_the_world() -> None:
