@@ -49,8 +49,8 @@ class Kernel:
         """Call the kernel."""
         if self.call is self:
             self.call = self.dispatcher
-        for names, name in _names_of(self):
-            names[name] = self.call
+            for names, name in _names_of(self):
+                names[name] = self.call
         return self.call(*arguments)
 
 
