@@ -11,9 +11,9 @@ case "$1 $2" in
         echo "pip $*" >>"$NOTES"
         sleep "${FAKE_PIP_TAKES:-0}"
         [ -z "${FAKE_PIP_FAILS:-}" ] || exit 1
-        [ ! -f .venv/pins.txt ] || cp .venv/pins.txt "$NOTES.pins"
-        [ ! -f .venv/hashed.txt ] || cp .venv/hashed.txt "$NOTES.hashed"
-        [ ! -f .venv/build.txt ] || cp .venv/build.txt "$NOTES.build"
+        [ ! -f .venv/pins.txt ] || cat .venv/pins.txt >"$NOTES.pins"
+        [ ! -f .venv/hashed.txt ] || cat .venv/hashed.txt >"$NOTES.hashed"
+        [ ! -f .venv/build.txt ] || cat .venv/build.txt >"$NOTES.build"
         ;;
     '-P -m')
         echo "in $PWD: $*"
