@@ -24,10 +24,10 @@ with hidden_scipy():
     from numba.core.registry import cpu_target
 
 _THRESHOLDS: Final = (50_000, 20, 100)
-"""Of the garbage collector; without it, the process takes twice the memory."""
+"""Thresholds of the garbage collector; without it, the process takes twice the memory."""
 
 
-class DeferredLibrary(JITCodeLibrary):  # type: ignore[misc]  # numba has no types
+class DeferredCompilation(JITCodeLibrary):  # type: ignore[misc]  # numba has no types
     """Compiled functions whose machine code is generated once Python asks for the address of one."""
 
     _is_deferred = False
@@ -71,7 +71,7 @@ def change_numba() -> None:
     gc.set_threshold(*_THRESHOLDS)
     event.start_event = event.end_event = lambda *_, **__: None
     codegen = type(cpu_target.target_context.codegen())
-    codegen._library_class = DeferredLibrary
+    codegen._library_class = DeferredCompilation
     set_env = codegen.set_env
 
     def set_existing(self: Any, name: str, environment: Environment) -> None:
