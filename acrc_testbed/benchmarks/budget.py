@@ -203,10 +203,12 @@ def _count_mesh_run(
 
 
 def counts_text(counts: StepCounts) -> str:
-    """Return the text of the file of saved counts, without negligible ones."""
+    """Return the text of the file of saved counts, without negligible ones; attribution makes some negative."""
     tables = {
         name: {
-            one: round(value, _DIGITS) for one, value in getattr(counts, name).items() if value >= _MIN_COUNT
+            one: round(value, _DIGITS)
+            for one, value in getattr(counts, name).items()
+            if abs(value) >= _MIN_COUNT
         }
         for name in SAVED_FIELDS
     }

@@ -90,7 +90,7 @@ MUST_NOT = "a strategy must not start processes or threads"
             f"step 20 (2 s): no Drive from r2 for 1 s; r2 is at {place('time.sleep(1)')} (_sleep)",
         ),
         # without isolation the server alone finds a process that has lost its parent
-        ("forks_twice", "zenoh", f"r2 failed: {PROCESSES}: {MUST_NOT}"),
+        pytest.param("forks_twice", "zenoh", f"r2 failed: {PROCESSES}: {MUST_NOT}", marks=NIGHTLY),
         pytest.param("forks", "isolated", f"r2 failed in step 30: {PROCESSES}: {MUST_NOT}", marks=NIGHTLY),
         ("forks", "memory", f"a strategy failed: {PROCESSES}: {MUST_NOT}"),
         pytest.param(
@@ -198,7 +198,7 @@ def test_a_delay_of_steps_is_reported_and_ends_nothing(tmp_path: Path, bus: str)
     assert re.search(rf"(?m)^{sentence}$", done.stdout)
 
 
-@pytest.mark.parametrize("bus", ["zenoh", "memory"])
+@pytest.mark.parametrize("bus", [pytest.param("zenoh", marks=NIGHTLY), "memory"])
 def test_a_strategy_that_exits_is_named_at_once(tmp_path: Path, bus: str) -> None:
     began = time.monotonic()
     if bus == "memory":

@@ -60,6 +60,7 @@ def test_nothing_is_left_when_acrc_itself_is_killed(tmp_path: Path) -> None:
     until(lambda: gone(out), timeout_s=5.0)
 
 
+@pytest.mark.nightly
 def test_no_password_is_left_when_world_and_acrc_are_killed(tmp_path: Path) -> None:
     out = tmp_path / "out"
     process = started(begin, out)

@@ -144,14 +144,14 @@ print([(a, b) for a, b in zip(before, state()) if a != b])
 
 
 def test_a_compiled_kernel_imports_numba_without_its_compiler_on_the_first_call_and_never_scipy() -> None:
-    arrays.sin(np.ones(2))  # compiled
+    arrays.sin(np.linspace(0, 1, 5000))  # compiled, as plain Python computes few numbers
     program = """
 import sys
 import numpy
 import acrc_testbed.runs
 from actors.portable import arrays
 assert "numba" not in sys.modules, "imported before a kernel is called"
-arrays.sin(numpy.ones(2))
+arrays.sin(numpy.linspace(0, 1, 5000))
 assert "numba" in sys.modules and not {"numba.np.linalg", "scipy"} & set(sys.modules)
 """
     subprocess.run([sys.executable, "-c", program], check=True)
