@@ -203,7 +203,7 @@ def _count_mesh_run(
 
 
 def counts_text(counts: StepCounts) -> str:
-    """Return the text of the file of saved counts, without negligible ones; attribution makes some negative."""
+    """Return the text of the file of saved counts, without negligible ones; some are negative."""
     tables = {
         name: {
             one: round(value, _DIGITS)
