@@ -89,7 +89,8 @@ class _ObjectImpl(_Impl):
 
     def reduce(self, cres: CompileResult) -> Any:
         cres.fndesc.typemap = cres.fndesc.calltypes = None
-        environments = [(one.env_name, one.consts) for one in cres._find_referenced_environments()]
+        found = cres._find_referenced_environments()
+        environments = [(one.env_name, one.globals["__name__"], one.consts) for one in found]
         code = cres.library._get_compiled_object()
         return code, cres.fndesc, cres.environment, cres.signature, environments
 
@@ -98,20 +99,21 @@ class _ObjectImpl(_Impl):
         rtsys.initialize(target_context)
         library = _ObjectLoader(target_context.codegen(), code)
         entry_point = target_context.get_executable(library, fndesc, environment)
-        for name, constants in environments:
-            library.codegen.set_env(name, _environment(name, constants))
+        kept = tuple(_environment(*one) for one in environments)
+        for one in kept:
+            library.codegen.set_env(one.env_name, one)
         return compile_result(
             typing_context=target_context.typing_context, target_context=target_context, library=library,
             environment=environment, entry_point=entry_point, fndesc=fndesc, signature=signature,
-            lifted=(), objectmode=False,
+            lifted=(), objectmode=False, referenced_envs=kept,  # the code has their addresses only
         )  # fmt: skip
 
 
-def _environment(name: str, constants: list[Any]) -> Environment:
-    """Return numba's record of a compiled function's constants; only interpreted code uses its globals."""
+def _environment(name: str, module: str, constants: list[Any]) -> Environment:
+    """Return numba's record of a function's constants; only interpreted code uses the module."""
     found = lookup_environment(name)
     if found is None:
-        found = Environment._memo[name] = Environment({})
+        found = Environment._memo[name] = Environment({"__name__": module})
         found.env_name = name
         found.consts[:] = constants
     return found

@@ -23,8 +23,8 @@ F = TypeVar("F", bound=Callable[..., Any])
 _HERE: Final = Path(__file__).parent
 _COMPILED: Final = re.compile(r"import (?:\(\s*)?(?:njit|kernel)\b|(?:from|import) numba\b")
 _IMPORTED: Final = re.compile(r"(?:from|import) (actors[\w.]*)(?: import (\([^)]*\)|.*))?")
-_EXTENSIONS: Final = "actors.portable.extensions"
-"""numba extensions for all kernels, whether imported or not."""
+_ALWAYS: Final = ("actors.portable.extensions", "actors.kernel_dispatchers")
+"""Modules on which all kernels depend without an import: numba extensions, and the cache's format."""
 _KEPT: Final = 2
 """Source states kept per module: the current and the previous one, in case the sources are reverted."""
 
@@ -121,7 +121,7 @@ def imported_sources(source: Path) -> tuple[Path, ...]:
     todo = [source]
     while todo:
         for package, names in _IMPORTED.findall(_text(todo.pop())):
-            for name in (_EXTENSIONS, package, *(f"{package}.{one}" for one in re.findall(r"\w+", names))):
+            for name in (*_ALWAYS, package, *(f"{package}.{one}" for one in re.findall(r"\w+", names))):
                 other = named.get(name)
                 if other is not None and other not in found:
                     found.add(other)

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 from actors import kernels
+from actors.floor import raster
 from actors.portable import arrays
 
 STATES = """
@@ -145,13 +146,20 @@ print([(a, b) for a, b in zip(before, state()) if a != b])
 
 def test_a_compiled_kernel_imports_numba_without_its_compiler_on_the_first_call_and_never_scipy() -> None:
     arrays.sin(np.linspace(0, 1, 5000))  # compiled, as plain Python computes few numbers
+    raster.fingerprint()
     program = """
-import sys
+import gc, sys
 import numpy
 import acrc_testbed.runs
+from actors.floor import raster
 from actors.portable import arrays
 assert "numba" not in sys.modules, "imported before a kernel is called"
 arrays.sin(numpy.linspace(0, 1, 5000))
+raster.fingerprint()
+gc.collect()
 assert "numba" in sys.modules and not {"numba.np.linalg", "scipy"} & set(sys.modules)
+from numba.core.environment import lookup_environment
+kept = [one for result in raster._regions.overloads.values() for one in result.referenced_envs]
+assert kept and all(lookup_environment(one.env_name) is one for one in kept), "code has addresses"
 """
     subprocess.run([sys.executable, "-c", program], check=True)
