@@ -35,6 +35,10 @@ from firmware_bridge.ros2.velocity_commands import CommandFault, RivalDetector, 
 _NODE: Final = "acrc_doctor"
 _TIMEOUT_S: Final = 3.0
 _ATTEMPTS: Final = 60
+_GRAPH_TIMEOUT_S: Final = 10.0
+"""Own choice: a router of a busy computer answers later than it connects."""
+_START_ROUTER: Final = "start rmw_zenohd or zenoh-bridge-ros2dds on the robot, or correct base.router"
+_CHECK_NETWORK: Final = "check the robot's network and processor load"
 _LISTENING_S: Final = 3.0
 """Duration of the observation, s; own choice: 15 scans at 5 Hz."""
 _QUEUE: Final = QosProfile(reliable=False, depth=1000)
@@ -65,7 +69,7 @@ class GraphState(NamedTuple):
     """Connection, graph and traffic behind a router."""
 
     fault: str
-    """Cause of a missing connection; empty: connected."""
+    """Cause of a missing connection or graph, and the remedy; empty: connected."""
     tokens: Sequence[str] = ()
     """Liveliness tokens of all domains and mappings, without those of this check."""
     traffic: Mapping[str, TopicTraffic] = {}
@@ -89,9 +93,14 @@ def observe(base: Ros2Base) -> GraphState:
                 break
             time.sleep(_TIMEOUT_S / _ATTEMPTS)
         else:
-            return GraphState(_port_fault(base.router) or "no Zenoh router answers")
+            return GraphState(f"{_port_fault(base.router) or 'no Zenoh router answers'}; {_START_ROUTER}")
         time.sleep(_LISTENING_S)
-        tokens = [token for token in session.tokens(_TIMEOUT_S) if f"/{_NODE}" not in token]
+        try:
+            tokens = [token for token in session.tokens(_GRAPH_TIMEOUT_S) if f"/{_NODE}" not in token]
+        except TimeoutError:
+            return GraphState(f"the graph was not sent within {_GRAPH_TIMEOUT_S:g} s; {_CHECK_NETWORK}")
+        if not session.is_connected:  # without a link, the graph is empty
+            return GraphState(f"the link was lost; {_CHECK_NETWORK}")
     received = {name: queue.take() for name, queue in queues.items()}
     traffic = {name: traffic_of(some, TOPIC_TYPES[name]) for name, some in received.items() if some}
     return GraphState("", tokens, traffic, [sample for queue in commands for sample in queue.take()])
@@ -123,8 +132,7 @@ def traffic_of(samples: Sequence[ReceivedSample], kind: str) -> TopicTraffic:
 
 def findings(base: Ros2Base, model: RobotModel, seen: GraphState) -> Iterator[DoctorFinding]:
     """Return the findings about a robot with this base; nothing is said about what a fault hides."""
-    remedy = "; start rmw_zenohd or zenoh-bridge-ros2dds on the robot, or correct base.router"
-    yield _finding("router", seen.fault and f"{base.router}: {seen.fault}{remedy}", f"{base.router} connects")
+    yield _finding("router", seen.fault and f"{base.router}: {seen.fault}", f"{base.router} connects")
     if seen.fault:
         return
     endpoints = _endpoints(base.bridge, base.domain, seen.tokens)

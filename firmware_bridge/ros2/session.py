@@ -167,12 +167,17 @@ class Ros2Session:
             return tuple(self._endpoints.values())
 
     def tokens(self, timeout_s: float) -> list[str]:
-        """Return the tokens of all domains and of both mappings, after `timeout_s` at the latest."""
+        """Return the tokens of all domains and of both mappings.
+
+        Raises TimeoutError: the router did not answer a query within `timeout_s`.
+        """
         session, found = self._session, list[str]()
         if session is not None:
             for graph in ALL_GRAPHS:
-                replies = session.liveliness().get(graph, timeout=timeout_s)
-                found += [str(reply.ok.key_expr) for reply in replies if reply.ok is not None]
+                for reply in session.liveliness().get(graph, timeout=timeout_s):
+                    if reply.ok is None:
+                        raise TimeoutError
+                    found.append(str(reply.ok.key_expr))
         return found[:_MAX_ENDPOINTS]
 
     def publisher_names(self, topic: str) -> dict[bytes, str]:

@@ -3,7 +3,7 @@
 import math
 import time
 from collections.abc import Sequence
-from threading import Event, Thread
+from threading import Event, Thread, Timer
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -416,3 +416,23 @@ def test_the_router_is_reached_and_listened_to_without_a_trace(monkeypatch: pyte
         "/cmd_vel: geometry_msgs/msg/Twist, /driver (RIHS01_"
     )
     assert "robot clock" not in found
+
+
+def test_a_lost_router_is_no_empty_graph(monkeypatch: pytest.MonkeyPatch) -> None:
+    port = free_port()
+    base = Ros2Base(kind="ros2", router=f"tcp/127.0.0.1:{port}", namespace="/r1")
+    router = start_router(port)
+    monkeypatch.setattr(Ros2Session, "tokens", late_tokens)
+    monkeypatch.setattr(ros2_check, "_LISTENING_S", 0.0)
+    (late,) = ros2_check.findings(base, MODEL, ros2_check.observe(base))
+    monkeypatch.undo()
+    monkeypatch.setattr(ros2_check, "_LISTENING_S", 0.6)
+    Timer(0.3, router.close).start()
+    (lost,) = ros2_check.findings(base, MODEL, ros2_check.observe(base))
+    remedy = "check the robot's network and processor load"
+    assert late.text == f"{base.router}: the graph was not sent within 10 s; {remedy}"
+    assert lost.text == f"{base.router}: the link was lost; {remedy}"
+
+
+def late_tokens(session: Ros2Session, timeout_s: float) -> list[str]:
+    raise TimeoutError
