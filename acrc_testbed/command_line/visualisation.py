@@ -211,6 +211,9 @@ def _warn_if_incomplete(out: Path, run: "RunData") -> None:
 
 def _draw(folders: Sequence[Path], pages: Sequence[Path], movie: Path | None, speed: float) -> Sequence[Path]:
     """Draw a run, or several side by side, into each page and, if given, into `movie`; return the files."""
+    from acrc_testbed import picture
+
+    picture.import_matplotlib()
     from acrc_testbed.picture import run_page
     from acrc_testbed.recordings.topics import partial_run_sentence
     from acrc_testbed.run_model.simulated_runs import read_run

@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cache, cached_property
 from typing import Final
 
 import numpy as np
@@ -124,9 +124,10 @@ class Passages:
         self._neck = _neck_cells(grid, self._floor, neck) if neck else np.zeros(grid.cells.shape, np.bool_)
         self._to_neck = raster.squared_distance(self._neck) * grid.resolution**2
         self._cache: dict[tuple[float, float, float], bool] = {}
+        self.is_closed_by = cache(self._is_closed_by)
+        """True if a robot at this point, m, cuts off at least 1 m² of the reachable floor."""
 
-    def is_closed_by(self, point: Point) -> bool:
-        """Return True if a robot at `point` cuts off at least 1 m² of the reachable floor."""
+    def _is_closed_by(self, point: Point) -> bool:
         if self._has_bypass(point):
             return False
         left = self._floor & ~self._occupied(point)
@@ -196,12 +197,14 @@ class Passages:
 def _neck_cells(grid: OccupancyGrid, floor: Flags, width: float) -> Flags:
     """Return the floor narrower than `width`, m, whose removal disconnects rooms, (rows, columns)."""
     roomy = raster.squared_distance(grid.clearance >= width / 2) * grid.resolution**2 < (width / 2) ** 2
-    rest, necks = floor & ~roomy, np.zeros_like(floor)
-    while rest.any():
-        row, column = np.argwhere(rest)[0]
-        part = raster.flood(rest, int(row), int(column))
-        rest &= ~part
+    narrow, necks = raster.regions(floor & ~roomy), np.zeros_like(floor)
+    for number in range(1, int(narrow.max()) + 1):
+        part = narrow == number
         left = floor & ~part
+        rows, columns = (np.flatnonzero(part.any(axis=axis)) for axis in (1, 0))
+        around = np.s_[max(rows[0] - 1, 0) : rows[-1] + 2, max(columns[0] - 1, 0) : columns[-1] + 2]
+        if raster.regions(left[around]).max() <= 1:  # all paths through this part have a bypass
+            continue
         if int(left.sum()) - int(raster.largest_region(left).sum()) >= _MIN_AREA / grid.resolution**2:
             necks |= part
     return necks
@@ -234,6 +237,9 @@ class TrueFloor:
         `changes`: steps, each with all objects on the floor from then on.
         """
         self.grid = grid
+        potential(
+            np.ones((1, 1), np.int32), 0, 0
+        )  # loads numba, which paths require, before `raster` does without
         self.passages = Passages(grid, radius, STANDARD.neck)
         self._radius, self._reach = radius, STANDARD.reported
         self._changes = changes

@@ -44,8 +44,12 @@ class PointLabel(NamedTuple):
 
 def fix_layout(figure: Figure) -> None:
     """Fix the layout so that labels can be placed."""
-    cast(Any, figure).draw_without_rendering()
-    figure.set_layout_engine("none")
+    engine = figure.get_layout_engine()
+    assert engine is not None
+    engine.execute(figure)
+    for axes in figure.axes:
+        axes.apply_aspect()
+    figure.set_layout_engine()  # "none" leaves a placeholder, for which saving draws twice
 
 
 def place_labels(axes: Axes, labels: Sequence[PointLabel], taken: Iterable[tuple[float, float]] = ()) -> int:

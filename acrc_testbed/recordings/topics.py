@@ -9,7 +9,7 @@ from contextlib import ExitStack
 from enum import Enum
 from fnmatch import fnmatchcase
 from pathlib import Path
-from typing import Final, NamedTuple, Self
+from typing import Any, Final, NamedTuple, Self
 
 from mcap.writer import MCAP0_MAGIC
 
@@ -142,8 +142,9 @@ def has_ended(target: Path) -> bool:
 class GrowingRecording:
     """A recording that may still be written; a context manager that closes the file."""
 
-    def __init__(self, path: Path) -> None:
-        self.reading = RecordingReader(path)
+    def __init__(self, path: Path, **options: Any) -> None:
+        """`options`: of the RecordingReader."""
+        self.reading = RecordingReader(path, **options)
         self._stream = open_recording(path)
         self.run: RunNote | None = None
         """First record of the process; None: not read yet."""

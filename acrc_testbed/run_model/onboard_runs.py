@@ -51,7 +51,7 @@ class OnboardReader(RunReader):
         topics = {self._robot: FROM_ROBOT, f"{self._robot}.base": _FROM_BASE}.get(folder, {})
         return topics if topics and path == _latest(self.description.out, folder) else {}
 
-    def _add_message(self, actor: str, path: Path, key: str, message: Message) -> None:
+    def _add_message(self, actor: str, robot: str, key: str, message: Message) -> None:
         if isinstance(message, Drive):
             self._answered = message.step
         elif isinstance(message, SensorData) and not message.halt:
@@ -59,7 +59,7 @@ class OnboardReader(RunReader):
             body = RobotTruth(id=self._robot, **odometry, stepping=True, powered=True, transmits=0)
             self.model.extend(TRUTH.key(), Truth(message.step, message.instant, (body,)))
             self.model.since = self.model.since or message.instant / 1e6
-        super()._add_message(actor, path, key, message)
+        super()._add_message(actor, robot, key, message)
 
     def _last_complete_step(self) -> int:
         truths = self.model.truths

@@ -5,6 +5,7 @@ from collections import defaultdict
 from collections.abc import Mapping
 from contextlib import ExitStack
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
 from typing import Any, Final, Self
 
@@ -43,6 +44,7 @@ from actors.messages import (
 )
 from actors.radio.radio_model import RadioSetup
 from actors.runtime.recording import Direction
+from actors.runtime.replay_bus import topic_of
 from actors.topic import Message, Topic
 from actors.world.world_setup import WorldSetup
 
@@ -89,6 +91,7 @@ class RunReader:
         self.description = self.model.description
         self._stack, self._files = ExitStack(), dict[str, GrowingRecording]()
         self._has_internals, self._has_senses = internals, senses
+        self._unneeded: set[Topic[Any]] = set() if internals else {INTROSPECTION}
         self._internals: dict[str, ProcessModel] = {}
         """By actor."""
         self._senses: dict[str, list[SensorData]] = {}
@@ -140,6 +143,8 @@ class RunReader:
 
         Raises RecordingError for damaged files, RunDataError if the set of robots changes.
         """
+        if last and not (self._has_internals or self._has_senses):  # their steps are only needed for waiting
+            self._unneeded.add(SENSES)
         for actor, path in recordings(self.description.out).items():
             self._read_messages(actor, path)
         truths = self.model.truths
@@ -173,26 +178,30 @@ class RunReader:
     def _topics(self, actor: str, path: Path) -> RecordedTopics:
         """Return the topics to read; each is read from the process that records it in full."""
         topics = FROM_ROBOT if path.parent.name in self.robots else _TOPICS.get(actor, _FROM_OTHERS)
-        return {
-            topic: way for topic, way in topics.items() if self._has_internals or topic is not INTROSPECTION
-        }
+        return {topic: way for topic, way in topics.items() if topic not in self._unneeded}
 
     def _read_messages(self, actor: str, path: Path) -> None:
-        if actor not in self._files:
-            self._files[actor] = self._stack.enter_context(GrowingRecording(path))
         topics = self._topics(actor, path)
+        if actor not in self._files:
+
+            @cache
+            def is_wanted(direction: Direction, key: str) -> bool:
+                return (actor == "world" and key == TRUTH.pattern) or topics.get(topic_of(key)) == direction
+
+            growing = GrowingRecording(path, is_wanted=is_wanted)
+            self._files[actor] = self._stack.enter_context(growing)
+        robot = path.parent.name
         for one in self._files[actor].poll() if topics else ():
             if actor == "world" and one.key == TRUTH.pattern:
                 self._completed_step = max(self._completed_step, one.step - 1)
-            elif topics.get(one.topic) == one.direction and (message := one.message()) is not None:
+            elif (message := one.message()) is not None:
                 try:
-                    self._add_message(actor, path, one.key, message)
+                    self._add_message(actor, robot, one.key, message)
                 except RunDataError as error:
                     raise RunDataError(f"{path}: {error}") from None
 
-    def _add_message(self, actor: str, path: Path, key: str, message: Message) -> None:
+    def _add_message(self, actor: str, robot: str, key: str, message: Message) -> None:
         self.model.extend(key, message)
-        robot = path.parent.name
         if isinstance(message, SensorData):
             self._sensed_steps[robot] = message.step
             if self._has_senses:
@@ -205,10 +214,10 @@ class RunReader:
             self._answers[robot_of(key)][message.step] = message
         elif robot in self.robots:
             if actor not in self._internals:
-                run = self._files[actor].run
-                assert run is not None, "every recording begins with it"
+                growing = self._files[actor]
+                assert growing.run is not None, "every recording begins with it"
                 process = RecordedProcess(actor, robot, seconds_of)
-                self._internals[actor] = process_model(process, path, run)
+                self._internals[actor] = process_model(process, growing.reading.path, growing.run)
             self._internals[actor].extend(message)
 
     def _last_complete_step(self) -> int:

@@ -52,6 +52,7 @@ DEFLATED: Final = "acrc-msgpack-deflate"
 """A message as part of the file's deflate stream."""
 COMPUTED: Final = "acrc-msgpack-deflate-computed"
 """A message as part of a second deflate stream, for recorded-only messages."""
+STREAMED: Final = (DEFLATED, COMPUTED)
 HASHED: Final = "sha256"
 SEALS: Final = "acrc-seal"
 

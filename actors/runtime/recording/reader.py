@@ -11,7 +11,7 @@ import struct
 import sys
 import zlib
 from collections import deque
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from io import BytesIO
 from pathlib import Path
 from typing import IO, ClassVar, Final, NamedTuple, TypeVar
@@ -34,6 +34,7 @@ from actors.runtime.recording.format import (
     MOST_NOTES,
     SEAL,
     SEALS,
+    STREAMED,
     UNSEALED,
     Direction,
     Entry,
@@ -138,19 +139,27 @@ _REPORTED: Final[set[Path]] = set()
 """Files whose damage this process has reported on standard error."""
 
 
+IsWanted = Callable[[Direction, str], bool]
+"""Returns True for the direction and key of messages that a reader needs."""
+
+
+def _is_any(direction: Direction, key: str) -> bool:
+    return True
+
+
 class RecordingReader:
     """One pass over a recording, in the order of writing; yields sealed data only."""
 
     reports: ClassVar[bool] = True
     """False in a process whose parent reports damage."""
 
-    def __init__(self, path: Path, *, strict: bool = False, decodes: bool = True) -> None:
+    def __init__(self, path: Path, *, strict: bool = False, is_wanted: IsWanted | None = _is_any) -> None:
         """`strict`: raise RecordingError at damage, instead of stopping there with a line on standard error.
 
-        `decodes`: False yields nothing and only verifies checksums, a hundred times as fast.
+        Messages that are not wanted are not decoded; their checksums are verified. None: no messages at all.
         """
         self.path = path
-        self._strict, self._decodes = strict, decodes
+        self._strict, self._is_wanted = strict, is_wanted
         self.step: int | None = None
         """Last complete step; None: none."""
         self.whole = False
@@ -253,10 +262,13 @@ class RecordingReader:
         return False
 
     def _entry(self, channel: Channel, sequence: int, data: bytes) -> Iterator[Entry]:
-        """Yield the message, if messages are decoded."""
-        if not self._decodes:
+        """Yield the message, if it is wanted."""
+        if self._is_wanted is None:
             return
         direction = _DIRECTIONS[channel.metadata["direction"]]
+        is_wanted = self._is_wanted(direction, channel.topic)
+        if not is_wanted and channel.message_encoding not in STREAMED:
+            return
         if channel.message_encoding == HASHED:
             if len(data) != 40:
                 raise ValueError(f"a message hash with its step has {len(data)} bytes, not 40")
@@ -265,6 +277,8 @@ class RecordingReader:
             return
         payload = self._unpacker.unpacked(channel.message_encoding, data)
         self._size += len(payload) - len(data)
+        if not is_wanted:  # later messages of its stream require it
+            return
         step = _STEPS.decode(memoryview(payload)[1:]).step
         yield Entry(direction, channel.topic, step, sequence, payload, hashlib.sha256(payload).digest())
 
@@ -298,7 +312,7 @@ def read_recording(path: Path) -> Iterator[Entry | Note]:
 
 def report_damage(path: Path) -> None:
     """Verify the checksums of a file that another process decodes. Raises RecordingError."""
-    deque(RecordingReader(path, decodes=False), 0)
+    deque(RecordingReader(path, is_wanted=None), 0)
 
 
 def open_recording(path: Path) -> IO[bytes]:
