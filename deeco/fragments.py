@@ -11,7 +11,7 @@ Reassembly accepts fragments of any node in any order. Frames are untrusted, and
 import struct
 import zlib
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from typing import Final, NamedTuple
 
 from deeco.errors import ExecutionError
@@ -161,12 +161,9 @@ class Reassembly:
     def __init__(self, limits: LinkParameters = DEFAULTS) -> None:
         self._limits = limits
         self._max_whole = limits.max_packet + CHECKSUM.size
-        self._open: dict[_PacketKey, _PartialPacket] = {}
-        self._counters = ReassemblyCounters()
-
-    def counters(self) -> dict[str, int]:
-        """Return the counters by the names in ReassemblyCounters."""
-        return asdict(self._counters)
+        self.open: dict[_PacketKey, _PartialPacket] = {}
+        """Incomplete packets."""
+        self.counters = ReassemblyCounters()
 
     def take(self, now: Instant, sender: int, frame: bytes) -> list[bytes]:
         """Return the packets with valid checksums that a frame completes, in the frame's order.
@@ -174,7 +171,7 @@ class Reassembly:
         `sender`: link address of the frame's transmitter. `now` must not decrease.
         """
         end = len(frame)
-        if self._open:
+        if self.open:
             self.drop_expired(now)
         elif end >= SHORTEST:  # usual case: the frame is one whole packet
             total, size, start, _, _ = HEADER.unpack_from(frame)
@@ -191,50 +188,50 @@ class Reassembly:
             payload = frame[position : position + size]
             position += size
             if total > self._max_whole:
-                self._counters.oversized += 1
+                self.counters.oversized += 1
                 continue
             whole = self._put(now, (sender, source, number), total, start, payload)
             if whole is not None and (packet := self._verified(whole)):
                 packets.append(packet)
         if position != end or not end:
-            self._counters.junk_frames += 1
+            self.counters.junk_frames += 1
         return packets
 
     def drop_expired(self, now: Instant) -> None:
         """Drop packets after the timeout; `take` does so first."""
-        while self._open:
-            key, oldest = next(iter(self._open.items()))
+        while self.open:
+            key, oldest = next(iter(self.open.items()))
             if now - oldest.since < self._limits.reassembly_timeout:
                 break
-            del self._open[key]
-            self._counters.timed_out += 1
+            del self.open[key]
+            self.counters.timed_out += 1
 
     def _put(self, now: Instant, key: _PacketKey, total: int, start: int, payload: bytes) -> bytes | None:
-        known = self._open.get(key)
+        known = self.open.get(key)
         if known is not None and len(known.data) != total:
-            del self._open[key]
-            self._counters.contradicted += 1
+            del self.open[key]
+            self.counters.contradicted += 1
             known = None
         if len(payload) == total:
-            self._open.pop(key, None)
+            self.open.pop(key, None)
             return payload
         if known is None:
             known = self._begin(now, key, total)
         if not known.put(start, payload):
             return None
-        del self._open[key]
+        del self.open[key]
         return bytes(known.data)
 
     def _begin(self, now: Instant, key: _PacketKey, total: int) -> _PartialPacket:
-        if len(self._open) >= self._limits.max_open:
-            del self._open[next(iter(self._open))]
-            self._counters.evicted += 1
-        begun = self._open[key] = _PartialPacket(now, bytearray(total), (1 << total) - 1)
+        if len(self.open) >= self._limits.max_open:
+            del self.open[next(iter(self.open))]
+            self.counters.evicted += 1
+        begun = self.open[key] = _PartialPacket(now, bytearray(total), (1 << total) - 1)
         return begun
 
     def _verified(self, whole: bytes) -> bytes | None:
         if zlib.crc32(whole) != _RESIDUE:
-            self._counters.bad_checksum += 1
+            self.counters.bad_checksum += 1
             return None
-        self._counters.complete += 1
+        self.counters.complete += 1
         return whole[: -CHECKSUM.size]

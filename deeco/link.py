@@ -1,10 +1,30 @@
 """Frames between a node and its link, and the limits of packets and frames."""
 
 from dataclasses import dataclass, field, fields
-from typing import Final, NamedTuple
+from typing import Final, NamedTuple, Protocol
 
 from deeco.errors import DeploymentError
 from deeco.instant import Duration, Instant, seconds
+
+
+class ReceivedFrame(Protocol):
+    """Anything with the attributes of a Reception."""
+
+    @property
+    def instant(self) -> int:
+        """Instant of its last bit, µs."""
+
+    @property
+    def sender(self) -> int:
+        """Link address of the transmitter."""
+
+    @property
+    def data(self) -> bytes:
+        """Untrusted content."""
+
+    @property
+    def rssi_dbm(self) -> float | None:
+        """Received signal strength, dBm."""
 
 
 class Reception(NamedTuple):

@@ -8,20 +8,23 @@ packet again meanwhile. This follows JDEECo's L2 RebroadcastStrategy, in which o
 away relay; here `relay_below_dbm` has that effect.
 """
 
+import heapq
 import zlib
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import asdict, dataclass, field
 from functools import lru_cache
 from itertools import groupby
+from operator import itemgetter
 from typing import Any, Final, NamedTuple
 
 from deeco.ensemble import Contact
-from deeco.fragments import Fragmenter, Reassembly
+from deeco.fragments import SHORTEST, Fragmenter, Reassembly
 from deeco.history import with_history
-from deeco.instant import START, Duration, Instant, Task, check_duration, milliseconds, seconds
+from deeco.instant import START, Duration, Instant, check_duration, milliseconds, seconds
 from deeco.knowledge import Knowledge, new_tuple
-from deeco.link import LinkParameters, Reception, Transmission
+from deeco.link import LinkParameters, ReceivedFrame, Transmission
 from deeco.packet import (
+    FramePackets,
     KnowledgePacket,
     PacketAuthenticator,
     Unpacker,
@@ -36,6 +39,8 @@ from deeco.statistics import NodeCounters, Statistics
 
 class Replica:
     """Latest received knowledge of a component of another node."""
+
+    __slots__ = ("_by_kind", "_contact", "heard", "id", "roles", "version")
 
     def __init__(
         self, component: str, version: Version, roles: tuple[Knowledge, ...], contact: Contact
@@ -173,35 +178,29 @@ class RelayParameters:
         None."""
         span = self.strongest_dbm - self.weakest_dbm
         strength = 0.5 if rssi_dbm is None else (rssi_dbm - self.weakest_dbm) / span
-        return Duration(round(min(max(strength, 0.0), 1.0) * self.max_delay + chance * self.spread))
+        limited = 0.0 if strength < 0.0 else 1.0 if strength > 1.0 else strength  # cheaper than min and max
+        return Duration(round(limited * self.max_delay + chance * self.spread))
 
 
 class _WaitingPacket(NamedTuple):
     version: Version
     data: bytes
+    """The packet as received."""
 
 
 class Relay:
     """Packets waiting to be relayed, at most one per component."""
 
-    def __init__(
-        self,
-        parameters: RelayParameters,
-        address: int,
-        plan: Callable[[Callable[[Instant], None], Instant], None],
-        send: Callable[[Instant, bytes], None],
-        counters: NodeCounters,
-    ) -> None:
-        """Create a relay; `plan` schedules a task at an instant, `send` gives a packet to the link."""
+    def __init__(self, parameters: RelayParameters, address: int, counters: NodeCounters) -> None:
+        """Create a relay of the node with this link address."""
         self._parameters = parameters
-        self._address = address
-        self._plan = plan
-        self._send = send
+        self._address = zlib.crc32(f"{address}/".encode())
         self._counters = counters
         self.waiting: dict[str, _WaitingPacket] = {}
         """Waiting packets by component."""
-        self._scheduled = 0
-        """Number of scheduled tasks, including those of cancelled packets."""
+        self._scheduled: list[tuple[Instant, int, str, _WaitingPacket]] = []
+        """Heap of packets, cancelled ones included: instant of relaying, serial number, component, packet."""
+        self._serial = 0
 
     def cancel_older(self, packet: KnowledgePacket) -> None:
         """Cancel a waiting packet up to the version of `packet`, sent by another node."""
@@ -218,36 +217,39 @@ class Relay:
 
     def take(self, packet: KnowledgePacket, data: bytes, heard: Instant, rssi_dbm: float | None) -> None:
         """Schedule the relaying of a packet."""
-        if self._scheduled >= self._parameters.max_waiting:
+        if len(self._scheduled) >= self._parameters.max_waiting:
             self._counters.relays_refused += 1
             return
-        waiting = self.waiting[packet.component] = new_tuple(
-            _WaitingPacket, (packet.version, increment_hops(data))
-        )
-        instant = Instant(heard + self._parameters.delay(rssi_dbm, self._random_share(packet)))
+        component, version = packet.component, packet.version
+        waiting = self.waiting[component] = new_tuple(_WaitingPacket, (version, data))
+        # a number in [0, 1) that depends on node and packet only, not on other draws
+        name = f"{component}/{version.epoch}/{version.counter}".encode("utf-8", "surrogatepass")
+        delay = self._parameters.delay(rssi_dbm, zlib.crc32(name, self._address) / 2**32)
+        self._serial += 1
+        heapq.heappush(self._scheduled, (Instant(heard + delay), self._serial, component, waiting))
 
-        def relay_packet(now: Instant) -> None:
-            self._scheduled -= 1
-            if self.waiting.get(packet.component) is waiting:
-                del self.waiting[packet.component]
-                self._counters.relayed += 1
-                self._send(now, waiting.data)
+    def due(self, until: Instant) -> list[tuple[Instant, bytes]]:
+        """Remove the packets scheduled before `until`; return those to be sent, in order of time."""
+        sent: list[tuple[Instant, bytes]] = []
+        while self._scheduled and self._scheduled[0][0] < until:
+            instant, _, component, waiting = heapq.heappop(self._scheduled)
+            if self.waiting.get(component) is waiting:
+                del self.waiting[component]
+                sent.append((instant, increment_hops(waiting.data)))
+        self._counters.relayed += len(sent)
+        return sent
 
-        self._scheduled += 1
-        self._plan(relay_packet, instant)
-
-    def clear(self) -> None:
-        """Cancel all waiting packets; their scheduled tasks must not run any more."""
+    def clear(self, now: Instant) -> int:
+        """Cancel all waiting packets; return the number of those scheduled before `now`, cancelled or not."""
         self._counters.relays_cancelled += len(self.waiting)
         self.waiting.clear()
-        self._scheduled = 0
-
-    def _random_share(self, packet: KnowledgePacket) -> float:
-        """Return a number in [0, 1) that depends on node and packet only, not on other draws."""
-        name = f"{self._address}/{packet.component}/{packet.version.epoch}/{packet.version.counter}"
-        return zlib.crc32(name.encode("utf-8", "surrogatepass")) / 2**32
+        scheduled, self._scheduled = self._scheduled, []
+        return sum(one[0] < now for one in scheduled)
 
 
+_INSTANT: Final = itemgetter(0)
+_MOST_FRAMES: Final = 1024
+"""Frames whose packets are shared: those of a step of 1000 nodes."""
 _EPOCH_STRIDE: Final = 0x9E37
 """Distance between the first packet numbers of two epochs, so that peers do not mix fragments of both. Odd,
 and 2^16 times the golden ratio: any two epochs are far apart."""
@@ -281,8 +283,8 @@ def _shared_unpacker(registry: RoleRegistry, limits: LinkParameters) -> Unpacker
     return Unpacker(limits, known=registry.fingerprints)
 
 
-ReplicaUpdate = tuple[Replica | None, Replica]
-"""Previous replica of a component, if any, and the new one."""
+UpdateListener = Callable[[Replica | None, Replica], None]
+"""Receives the previous replica of a component, if any, and the new one."""
 
 
 class Network:
@@ -294,7 +296,6 @@ class Network:
         registry: RoleRegistry,
         *,
         own: frozenset[str],
-        plan: Callable[[Task, Instant], None],
         may_relay: Callable[[Replica], bool],
         address: int,
         epoch: int,
@@ -303,8 +304,7 @@ class Network:
     ) -> None:
         """Continue numbering and reassembly of the network `previous`, if any.
 
-        `own`: ids of the node's components. `plan`: schedules a task at an instant. `may_relay`: returns
-        whether a sender's knowledge may be relayed.
+        `own`: ids of the node's components. `may_relay`: returns whether a sender's knowledge may be relayed.
         """
         self._registry = registry
         self._own = own
@@ -316,6 +316,7 @@ class Network:
         self._statistics = statistics
         self._counters = statistics.counters
         self._unpacker = _shared_unpacker(registry, parameters.link)
+        self._shared_frames = self._unpacker.frames if self._authenticator is None else None
         registry.nodes.add(address)
         self._publications = 0
         self._reassembly = Reassembly(parameters.link)
@@ -333,7 +334,7 @@ class Network:
         )
         self._relay: Relay | None = None
         if parameters.relay is not None:
-            self._relay = Relay(parameters.relay, address, plan, self._send, self._counters)
+            self._relay = Relay(parameters.relay, address, self._counters)
 
     def publish(self, now: Instant, knowledge: Sequence[Knowledge]) -> None:
         """Send the roles of own components; record the ages of all replicas."""
@@ -342,40 +343,59 @@ class Network:
             version = Version(self._epoch, self._publications)
             self._counters.published += 1
             packet = KnowledgePacket(value.id, version, 0, self._registry.pack(value))
-            self._send(now, pack(packet, self._limits, self._authenticator))
+            self._outbox.append((now, pack(packet, self._limits, self._authenticator)))
         self._statistics.sample_ages([replica.heard for replica in self.replicas], now)
 
-    def take(self, reception: Reception) -> list[ReplicaUpdate]:
-        """Return the replicas changed by the packets that this frame completes."""
-        updates: list[ReplicaUpdate] = []
-        for data in self._reassembly.take(reception.instant, reception.sender, reception.data):
-            if update := self._process_packet(data, reception):
-                updates.append(update)
-        return updates
+    def take(self, receptions: Iterable[ReceivedFrame], on_update: UpdateListener) -> None:
+        """Process frames; call `on_update` for each replica that their packets change."""
+        counters, reassembly, frames = self._counters, self._reassembly, self._shared_frames
+        own, relay, replicas = self._own, self._relay, self.replicas
+        updates: list[tuple[Replica | None, Replica]] = []
+        for reception in receptions:
+            packets = frames.get(reception.data) if frames and not reassembly.open else None
+            if packets is None:
+                packets = self._packets(reception)
+            else:
+                reassembly.counters.complete += 1
+                counters.packets += 1
+            for data, packet in packets:
+                component, version, _, _ = packet
+                if component in own:
+                    counters.packets_own += 1
+                    continue
+                if relay is not None and component in relay.waiting:
+                    relay.cancel_older(packet)
+                held = replicas.by_id.get(component)
+                # Most packets have no news: the first test saves them a call.
+                if (held is not None and version <= held.version) or not replicas.accepts(component, version):
+                    counters.packets_old += 1
+                elif update := self._take_news(packet, data, reception):
+                    updates.append(update)
+            while updates:
+                on_update(*updates.pop(0))
 
-    def transmissions(self) -> list[Transmission]:
-        """Return the frames sent since the last call; packets of one instant share frames."""
-        if not self._outbox:
+    def transmissions(self, until: Instant) -> list[Transmission]:
+        """Return the frames sent since the last call and relayed before `until`; packets of one instant share
+        frames."""
+        relayed = [] if self._relay is None else self._relay.due(until)
+        if not self._outbox and not relayed:
             return []
         sent: list[Transmission] = []
-        for instant, group in groupby(self._outbox, key=lambda item: item[0]):
+        packets = sorted(relayed + self._outbox, key=_INSTANT)
+        for instant, group in groupby(packets, key=_INSTANT):
             frames = self._fragmenter.frames([data for _, data in group])
             sent += [new_tuple(Transmission, (instant, frame)) for frame in frames]
         self._outbox = []
         self._counters.frames += len(sent)
         return sent
 
-    def clear(self) -> None:
-        """Cancel waiting relays."""
-        if self._relay is not None:
-            self._relay.clear()
+    def clear(self, now: Instant) -> int:
+        """Cancel waiting relays; return the number of those scheduled before `now`."""
+        return 0 if self._relay is None else self._relay.clear(now)
 
     def counters(self) -> dict[str, int]:
-        """Return the counters of the reassembly."""
-        return self._reassembly.counters()
-
-    def _send(self, now: Instant, data: bytes) -> None:
-        self._outbox += ((now, data),)
+        """Return the counters of the reassembly by the names in ReassemblyCounters."""
+        return asdict(self._reassembly.counters)
 
     def _with_histories(
         self, component: str, roles: tuple[Knowledge, ...], now: Instant
@@ -384,43 +404,45 @@ class Network:
         before = {type(one): one for one in known.roles} if known else {}
         return tuple(with_history(one, before.get(type(one)), now) for one in roles)
 
-    def _process_packet(self, data: bytes, reception: Reception) -> ReplicaUpdate | None:
-        counters, relay = self._counters, self._relay
-        counters.packets += 1
-        authenticator = self._authenticator
-        content = data if authenticator is None else verified_packet(data, authenticator)
-        if content is None:
-            counters.packets_forged += 1
-            return None
-        packet = self._unpacker.unpack(content)
-        if packet is None:
-            counters.packets_junk += 1
-            return None
-        component = packet.component
-        if component in self._own:
-            counters.packets_own += 1
-            return None
-        if relay is not None and component in relay.waiting:
-            relay.cancel_older(packet)
-        held = self.replicas.by_id.get(component)
-        # Most packets have no news: the first test saves them a call.
-        if (held is not None and packet.version <= held.version) or not self.replicas.accepts(
-            component, packet.version
-        ):
-            counters.packets_old += 1
-            return None
-        unpacked = self._registry.unpack(component, packet.roles)
+    def _packets(self, reception: ReceivedFrame) -> FramePackets:
+        """Return the valid packets that a frame completes, with their data."""
+        counters, authenticator, frame = self._counters, self._authenticator, reception.data
+        is_whole = not self._reassembly.open
+        found: list[tuple[bytes, KnowledgePacket]] = []
+        for data in self._reassembly.take(Instant(reception.instant), reception.sender, frame):
+            counters.packets += 1
+            content = data if authenticator is None else verified_packet(data, authenticator)
+            if content is None:
+                counters.packets_forged += 1
+            elif packet := self._unpacker.unpack(content):
+                found.append((data, packet))
+                is_whole = is_whole and len(frame) - len(data) < SHORTEST
+            else:
+                counters.packets_junk += 1
+        frames = self._shared_frames
+        if found and is_whole and frames is not None and len(self._registry.nodes) > 1:
+            if len(frames) >= _MOST_FRAMES:
+                del frames[next(iter(frames))]
+            frames[frame] = found
+        return found
+
+    def _take_news(
+        self, packet: KnowledgePacket, data: bytes, reception: ReceivedFrame
+    ) -> tuple[Replica | None, Replica] | None:
+        """Store and relay a packet that is newer than the replica; return both replicas if it is valid."""
+        component, version, hops, packed = packet
+        unpacked = self._registry.unpack(component, packed)
         if unpacked is None:
-            counters.packets_junk += 1
+            self._counters.packets_junk += 1
             return None
         roles, unknown = unpacked
-        counters.roles_unknown += unknown
-        rssi_dbm = reception.rssi_dbm
-        contact = new_tuple(Contact, (reception.instant, rssi_dbm, packet.hops))
+        self._counters.roles_unknown += unknown
+        heard: Any = reception.instant  # an Instant, without a call of the type
+        rssi_dbm, relay = reception.rssi_dbm, self._relay
         if self._has_histories:
-            roles = self._with_histories(component, roles, reception.instant)
-        replica = Replica(component, packet.version, roles, contact)
+            roles = self._with_histories(component, roles, heard)
+        replica = Replica(component, version, roles, new_tuple(Contact, (heard, rssi_dbm, hops)))
         before = self.replicas.put(replica)
         if relay is not None and relay.should_relay(packet, rssi_dbm) and self._may_relay(replica):
-            relay.take(packet, data, reception.instant, rssi_dbm)
+            relay.take(packet, data, heard, rssi_dbm)
         return before, replica

@@ -17,7 +17,7 @@ from deeco.group_evaluation import BoundGroup
 from deeco.history import histories, with_history
 from deeco.instant import START, ZERO, Duration, Instant, Task, in_seconds
 from deeco.knowledge import Fact, Knowledge, has_fact, new_tuple, role_subclasses, roles_of
-from deeco.link import Reception, Transmission
+from deeco.link import ReceivedFrame, Transmission
 from deeco.local import NEVER, BoundEnsemble, BoundProcess, Commit, CommitListener, LocalComponent
 from deeco.network import Network, NetworkParameters, Replica, Replicas
 from deeco.schema import shared_registry
@@ -192,7 +192,6 @@ class Node:
             parameters,
             shared_registry(self._roles(), parameters.link),
             own=frozenset(self._by_id),
-            plan=self._tasks.once,
             may_relay=self._may_relay,
             address=address,
             epoch=epoch,
@@ -235,26 +234,24 @@ class Node:
         outcome["counters"] |= self._network.counters()
         return outcome
 
-    def advance(self, until: Instant, inputs: Sequence[Reception] = ()) -> list[Transmission]:
+    def advance(self, until: Instant, inputs: Sequence[ReceivedFrame] = ()) -> list[Transmission]:
         """Process `inputs`, then run everything scheduled before `until`; return the frames to send.
 
         Inputs received before `now` take effect at `now`. An exception of a user's process or ensemble
         propagates with a note of its origin.
         """
         self._network.replicas.drop_old(self._now)
-        for reception in inputs:
-            for update in self._network.take(reception):
-                self._process_update(*update)
+        if inputs:
+            self._network.take(inputs, self._process_update)
         self._tasks.run(until)
         self._now = until
-        return self._network.transmissions()
+        return self._network.transmissions(until)
 
     def skip(self, to: Instant) -> None:
         """Skip everything scheduled before `to`, as after a pause; schedules keep their phase."""
-        self._counters.skipped += self._tasks.skip(to)
+        self._counters.skipped += self._tasks.skip(to) + self._network.clear(to)
         if self._with_modes:
             self._tasks.once(self._evaluate_modes, to, _MODES)
-        self._network.clear()
         self._now = to
 
     def _plan_components(self, start: Instant) -> None:

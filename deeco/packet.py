@@ -5,7 +5,7 @@ component id, epoch, counter, and for each role its fingerprint and fields. An a
 a tag of everything but the hop count, which relays change.
 """
 
-from collections.abc import Container
+from collections.abc import Container, Sequence
 from functools import partial
 from hmac import compare_digest
 from typing import Any, Final, NamedTuple, Protocol
@@ -53,6 +53,10 @@ class KnowledgePacket(NamedTuple):
     """Number of relays so far."""
     roles: tuple[tuple[int, tuple[object, ...]], ...]
     """Fingerprint and encoded fields of each role that the component plays."""
+
+
+FramePackets = Sequence[tuple[bytes, KnowledgePacket]]
+"""Packets of a frame: the bytes and the content of each."""
 
 
 def pack(
@@ -118,6 +122,8 @@ class Unpacker:
         self._known = known
         self._most = most
         self._cache: dict[bytes, KnowledgePacket] = {}
+        self.frames: dict[bytes, FramePackets] = {}
+        """Frames of one valid packet each, without tag, that nodes of one process have received."""
         self._unpack = partial(
             msgpack.unpackb,
             use_list=False,

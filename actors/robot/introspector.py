@@ -135,7 +135,7 @@ class Introspector:
 
     def replica_received(self, component: str, replica: Replica, now: Instant) -> None:
         """Record a newer replica."""
-        self._new_replicas[replica.id] = int(replica.heard)
+        self._new_replicas[replica.id] = replica.heard
         if self._outer_observer is not None:
             self._outer_observer.replica_received(component, replica, now)
 

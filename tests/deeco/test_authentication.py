@@ -268,3 +268,18 @@ def test_a_forged_older_version_delays_the_end_of_the_silence_by_one_publication
     assert levels(listener) == {}
     hear(listener, packet("a", 3, 17, 17, None))
     assert levels(listener) == {"a": 17}
+
+
+def test_nodes_of_one_process_share_decoded_frames_but_not_their_trust() -> None:
+    frames = Fragmenter(1).frames([packet("a", 1, 1, 5, tags=None)])
+    nodes = [
+        Node([Tank(id=f"n{number}")], parameters=NetworkParameters(authenticator=tags), address=number)
+        for number, tags in enumerate((None, None, TAGS, None))
+    ]
+    found = []
+    for one in nodes:
+        one.advance(Instant(1), [Reception(Instant(0), 1, frame, -60.0) for frame in frames])
+        counts = counted(one)
+        found.append((levels(one), counts["complete"], counts["packets"], counts["packets_forged"]))
+    accepted = ({"a": 5}, 1, 1, 0)
+    assert found == [accepted, accepted, ({}, 1, 1, 1), accepted]

@@ -2,7 +2,7 @@
 
 import zlib
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from typing import Any
 
 import msgpack
@@ -113,15 +113,15 @@ def whole(packet: bytes) -> bytes:
 
 
 def open_packets(reassembly: Reassembly) -> int:
-    return len(reassembly._open)
+    return len(reassembly.open)
 
 
 def open_bytes(reassembly: Reassembly) -> int:
-    return sum(len(one.data) for one in reassembly._open.values())
+    return sum(len(one.data) for one in reassembly.open.values())
 
 
 def counted(reassembly: Reassembly) -> dict[str, int]:
-    return {name: count for name, count in reassembly.counters().items() if count}
+    return {name: count for name, count in asdict(reassembly.counters).items() if count}
 
 
 @pytest.mark.parametrize("contradicting", [False, True])

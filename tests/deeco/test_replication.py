@@ -1,6 +1,6 @@
 """Replicas: newest version, limited age and number; relaying."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Self
 
@@ -23,7 +23,7 @@ from deeco import (
 from deeco.link import Reception
 from deeco.network import NetworkParameters, Relay, RelayParameters, Replica, Replicas
 from deeco.node import Node
-from deeco.packet import KnowledgePacket, Version, pack
+from deeco.packet import KnowledgePacket, Version, increment_hops, pack
 from deeco.statistics import NodeCounters
 from deeco.virtual_network import LossyMedium, Reach, VirtualNetwork
 
@@ -238,13 +238,7 @@ def test_delay_grows_with_strength() -> None:
 def test_frames_at_the_threshold_or_of_unknown_strength_are_relayed(
     below: float | None, rssi: float | None, wanted: bool
 ) -> None:
-    relay = Relay(
-        RelayParameters(relay_below_dbm=below),
-        1,
-        lambda task, at: None,
-        lambda now, data: None,
-        NodeCounters(),
-    )
+    relay = Relay(RelayParameters(relay_below_dbm=below), 1, NodeCounters())
     assert relay.should_relay(KnowledgePacket("c0", Version(0, 1), 0, ()), rssi) is wanted
     assert not relay.should_relay(KnowledgePacket("c0", Version(0, 1), 3, ()), rssi), "it has come far enough"
 
@@ -274,24 +268,26 @@ def test_newer_knowledge_replaces_a_waiting_packet() -> None:
 
 
 def test_cancelled_packets_count_until_their_scheduled_time() -> None:
-    planned: list[Callable[[Instant], None]] = []
     counters = NodeCounters()
-    relay = Relay(
-        RelayParameters(max_waiting=4),
-        1,
-        lambda task, at: planned.append(task),
-        lambda now, data: None,
-        counters,
-    )
+    relay = Relay(RelayParameters(max_waiting=4), 1, counters)
     for number in range(100):
         packet = KnowledgePacket("c0", Version(0, number), 0, ())
         relay.cancel_older(packet)
         relay.take(packet, pack(packet), Instant(0), -60.0)
-    assert len(planned) == 4 and counters.relays_refused == 96
-    for task in planned:
-        task(Instant(1))
-    relay.take(packet, pack(packet), Instant(1), -60.0)
-    assert len(planned) == 5
+    assert counters.relays_refused == 96 and counters.relays_cancelled == 4
+    assert relay.due(Instant(seconds(2))) == [], "the packet after the last one that fitted cancelled it"
+    relay.take(packet, pack(packet), Instant(0), -60.0)
+    assert [data for _, data in relay.due(Instant(seconds(2)))] == [increment_hops(pack(packet))]
+    assert counters.relays_refused == 96 and counters.relayed == 1
+
+
+def test_skipping_cancels_relays_and_counts_those_of_the_gap() -> None:
+    relay = Relay(RelayParameters(), 1, NodeCounters())
+    for number, rssi_dbm in enumerate((-95.0, -45.0)):  # delays below 0.5 s, and of at least 1 s
+        packet = KnowledgePacket(f"c{number}", Version(0, 1), 0, ())
+        relay.take(packet, pack(packet), Instant(0), rssi_dbm)
+    assert relay.clear(Instant(seconds(1))) == 1
+    assert relay.due(Instant(seconds(3))) == []
 
 
 @pytest.mark.parametrize("hops", [1, 3, 15])

@@ -48,8 +48,7 @@ from actors.robot.behaviour.ports import (
 )
 from actors.topic import MessagePart
 from deeco import DeecoError, Knowledge
-from deeco.knowledge import new_tuple
-from deeco.link import Reception, Transmission
+from deeco.link import Transmission
 from deeco.network import NetworkParameters, RelayParameters
 from deeco.node import Node
 from deeco.packet import PacketAuthenticator
@@ -323,15 +322,11 @@ class _NodeBehaviour:
         elif instant > self.node.now:
             self.node.skip(instant)
 
-    def _receptions(self, events: Sequence[RadioEvent]) -> list[Reception]:
-        receptions: list[Reception] = []
-        for event in events:
-            if isinstance(event, FrameReceived):
-                receptions += (
-                    new_tuple(Reception, (event.instant, event.sender, event.data, event.rssi_dbm)),
-                )
-            else:
-                self._frame_counts[_OUTCOMES[type(event)]] += 1
+    def _receptions(self, events: Sequence[RadioEvent]) -> Sequence[FrameReceived]:
+        receptions = [event for event in events if type(event) is FrameReceived]
+        if len(receptions) < len(events):
+            outcomes = [type(event) for event in events if type(event) is not FrameReceived]
+            self._frame_counts.update([_OUTCOMES[kind] for kind in outcomes])
         return receptions
 
     def _frames(self, sent: Sequence[Transmission], begin: Instant) -> tuple[OutgoingFrame, ...]:
