@@ -2,7 +2,6 @@
 
 import hashlib
 import pickle
-import tempfile
 from collections.abc import Callable
 from contextlib import suppress
 from functools import cache as remembered
@@ -20,7 +19,16 @@ from numba.core.serialize import dumps
 from numba.extending import typeof_impl
 from numba.misc.appdirs import AppDirs
 
-from actors.kernels import Kernel, cache_folder, hidden_scipy, imported_sources, module_name, source_hash
+from actors.kernels import (
+    Kernel,
+    cache_folder,
+    hidden_scipy,
+    imported_sources,
+    module_name,
+    module_state,
+    source_hash,
+    write_file,
+)
 from actors.portable import extensions
 
 _PART: Final = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True}
@@ -61,7 +69,8 @@ class _Locator(_CacheLocator):  # type: ignore[misc]  # numba has no types
         source = Path(file)
         self._py_file = file  # required by numba's warnings
         self._line = function.__code__.co_firstlineno
-        self._state = f"{module_name(source)}-{source_hash(imported_sources(source))}"
+        module = module_name(source)
+        self._state = f"{module}-{module_state(module) or source_hash(imported_sources(source))}"
 
     @classmethod
     def from_function(cls, py_func: Callable[..., Any], py_file: str) -> "_Locator":
@@ -164,18 +173,7 @@ class _Files:
         """Save atomically in the first writable folder; without one, nothing is saved."""
         content = dumps(data)
         for root in _roots():
-            path = root / self._name(key)
-            with suppress(OSError):
-                path.parent.mkdir(parents=True, exist_ok=True)
-                with tempfile.NamedTemporaryFile(dir=path.parent, delete=False) as file:
-                    try:
-                        file.write(content)
-                        file.flush()
-                        Path(file.name).chmod(0o644)
-                        Path(file.name).replace(path)
-                    except OSError:
-                        Path(file.name).unlink(missing_ok=True)
-                        raise
+            if write_file(root / self._name(key), content):
                 return
 
     def _name(self, key: object) -> str:

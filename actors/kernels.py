@@ -7,6 +7,7 @@ content of all sources that a kernel imports.
 
 import hashlib
 import importlib
+import json
 import os
 import re
 import shutil
@@ -25,6 +26,8 @@ _COMPILED: Final = re.compile(r"import (?:\(\s*)?(?:njit|kernel)\b|(?:from|impor
 _IMPORTED: Final = re.compile(r"(?:from|import) (actors[\w.]*)(?: import (\([^)]*\)|.*))?")
 _ALWAYS: Final = ("actors.portable.extensions", "actors.kernel_dispatchers")
 """Modules on which all kernels depend without an import: numba extensions, and the cache's format."""
+_STATES: Final = "states"
+"""File in the cache with the states of all modules, and the key of their files."""
 _KEPT: Final = 2
 """Source states kept per module: the current and the previous one, in case the sources are reverted."""
 
@@ -43,7 +46,7 @@ class Kernel:
     @cached_property
     def dispatcher(self) -> Any:
         """The dispatcher of numba."""
-        return _numba().dispatcher(self)
+        return load_numba().dispatcher(self)
 
     def __call__(self, *arguments: Any) -> Any:
         """Call the kernel."""
@@ -77,8 +80,8 @@ def _names_of(kernel: Kernel) -> list[tuple[dict[str, Any], str]]:
 
 
 @remembered
-def _numba() -> Any:
-    """Import the module that needs numba."""
+def load_numba() -> Any:
+    """Import and return the module that needs numba."""
     with hidden_scipy():
         return importlib.import_module("actors.kernel_dispatchers")
 
@@ -129,6 +132,50 @@ def imported_sources(source: Path) -> tuple[Path, ...]:
     return tuple(sorted(found))
 
 
+def module_state(module: str) -> str | None:
+    """Return the hash of a module and all that it imports; None: not a module of this package.
+
+    The name "" stands for all kernel sources.
+    """
+    return _states().get(module)
+
+
+@remembered
+def _states() -> dict[str, str]:
+    """Return the states by module; saved, because searching all sources takes half a second."""
+    hashed, path = hashlib.sha256(version("numba").encode()), cache_folder() / _STATES
+    for source in _named().values():
+        found = source.stat()
+        hashed.update(f"{source} {found.st_size} {found.st_mtime_ns} {found.st_ctime_ns}\n".encode())
+    key, states = hashed.hexdigest(), {}
+    with suppress(OSError, ValueError):
+        states = json.loads(path.read_text())
+    if states.get("key") != key:
+        states = {module: source_hash(imported_sources(source)) for module, source in _named().items()}
+        states |= {"": source_hash(kernel_sources()), "key": key}
+        write_file(path, json.dumps(states).encode())
+    return cast(dict[str, str], states)
+
+
+def write_file(path: Path, content: bytes) -> bool:
+    """Write a file of the cache atomically; return False if that is impossible."""
+    import tempfile  # noqa: PLC0415
+
+    with suppress(OSError):
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with tempfile.NamedTemporaryFile(dir=path.parent, delete=False) as file:
+            try:
+                file.write(content)
+                file.flush()
+                Path(file.name).chmod(0o644)
+                Path(file.name).replace(path)
+            except OSError:
+                Path(file.name).unlink(missing_ok=True)
+                raise
+        return True
+    return False
+
+
 @remembered
 def source_hash(sources: tuple[Path, ...]) -> str:
     """Return a hash of these files and numba's version."""
@@ -148,8 +195,7 @@ def prune_cache() -> None:
                 with suppress(OSError):  # removed by another process
                     states.setdefault(module, []).append((folder.stat().st_mtime, folder))
     for module, found in states.items():
-        source = _named().get(module)
-        now = "" if source is None else f"{module}-{source_hash(imported_sources(source))}"
+        now = f"{module}-{module_state(module)}"
         old = [folder for _, folder in sorted(found, reverse=True) if folder.name != now]
         for folder in old[_KEPT - 1 :]:
             shutil.rmtree(folder, ignore_errors=True)

@@ -202,7 +202,7 @@ app = typer.Typer(
 def main() -> None:
     """Run the command line; an error is one line on standard error and exit code 1, or 2 for wrong usage."""
     protect_standard_streams()
-    gc.set_threshold(20_000, 20, 20)  # imported modules are never garbage; scanning them costs 10 %
+    gc.set_threshold(500_000, 10, 10)  # imported modules are never garbage; scanning them costs 10 %
     try:
         with signals_as_interrupts(), missing_extra_named():
             sys.exit(app(_arguments(sys.argv[1:]), prog_name="acrc", standalone_mode=False))

@@ -3,6 +3,7 @@
 import re
 import sys
 from collections.abc import Iterable, Iterator
+from contextlib import ExitStack
 from pathlib import Path
 from typing import Annotated, Final, Literal, cast
 
@@ -156,49 +157,58 @@ def run(
     ] = False,
 ) -> None:
     """Run a swarm and print the result. Options override the scenario."""
-    permit = permission(modules, trust=trust)
-    from deploy.hosts.address import dask_address
-    from deploy.run.options import RunOptions, run_folder_name
-    from deploy.run.start import early_launcher, prepare_run, start_run, with_claimed_folder
-    from deploy.scenario.scenario_file import DEFAULT_SCENARIO, Overrides, parse_settings
+    with ExitStack() as stack:
+        early = None
+        if bus == "zenoh" and not hardware:  # the server imports the actors' modules from now on
+            from actors.processes.launcher import create_launcher
 
-    overrides = Overrides(
-        robots=robots,
-        seed=seed,
-        key=key,
-        duration=duration,
-        step=step,
-        strategy=strategy,
-        navigation=navigation,
-        settings=parse_settings(setting or ()),
-    )
-    file = scenario or DEFAULT_SCENARIO
-    options = RunOptions(
-        out or Path("runs", run_folder_name(file, strategy)),
-        record=cast(Literal["lean", "full"], record),  # checked with the other options
-        speed=speed or ("1" if control else "max"),
-        bus=bus,
-        spawn=spawn,
-        isolate=isolate,
-        scenario=file.name,
-        hidden=(scenario.absolute(),) if scenario else (),
-        view=view,
-        ros2=ros2,
-        router=router or "",
-        debug=debug,
-        control=control,
-        hardware=hardware,
-        boards=tuple(board or ()),
-        on=dask_address(on) if on else "",
-        listen=listen or "",
-        leave=leave,
-        timeout_s=timeout,
-        json=json,
-        check=check,
-        log=tuple(log or ()),
-        followed=tuple(robot or ()),
-    )
-    with early_launcher(options) as launcher:
+            early = stack.enter_context(create_launcher(spawn))
+        permit = permission(modules, trust=trust)
+        from actors.processes.kernel_compilation import are_compiled
+        from deploy.hosts.address import dask_address
+        from deploy.run.options import RunOptions, run_folder_name
+        from deploy.run.start import prepare_run, start_run, with_claimed_folder
+        from deploy.scenario.scenario_file import DEFAULT_SCENARIO, Overrides, parse_settings
+
+        overrides = Overrides(
+            robots=robots,
+            seed=seed,
+            key=key,
+            duration=duration,
+            step=step,
+            strategy=strategy,
+            navigation=navigation,
+            settings=parse_settings(setting or ()),
+        )
+        file = scenario or DEFAULT_SCENARIO
+        options = RunOptions(
+            out or Path("runs", run_folder_name(file, strategy)),
+            record=cast(Literal["lean", "full"], record),  # checked with the other options
+            speed=speed or ("1" if control else "max"),
+            bus=bus,
+            spawn=spawn,
+            isolate=isolate,
+            scenario=file.name,
+            hidden=(scenario.absolute(),) if scenario else (),
+            view=view,
+            ros2=ros2,
+            router=router or "",
+            debug=debug,
+            control=control,
+            hardware=hardware,
+            boards=tuple(board or ()),
+            on=dask_address(on) if on else "",
+            listen=listen or "",
+            leave=leave,
+            timeout_s=timeout,
+            json=json,
+            check=check,
+            log=tuple(log or ()),
+            followed=tuple(robot or ()),
+        )
+        if early is not None and not are_compiled():
+            stack.close()  # it would compile everything, too
+            early = None
         prepared = prepare_run(file, overrides, options, permit, limit or ())
         runner = None
         if hardware:
@@ -207,7 +217,7 @@ def run(
             runner = hardware_in_the_loop.run
         if out is None:
             prepared = with_claimed_folder(prepared)
-        result = start_run(prepared, quiet=json, by=runner, launcher=launcher)
+        result = start_run(prepared, quiet=json, by=runner, launcher=early)
     from acrc_testbed.results import summary
     from acrc_testbed.results.result import require_delivery
 

@@ -15,10 +15,8 @@ from pathlib import Path
 from typing import Final
 
 import numpy as np
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
-from actors.console import create_console
-from actors.kernels import cache_folder, imported_sources, kernel_sources, prune_cache, source_hash
+from actors.kernels import cache_folder, imported_sources, module_state, prune_cache
 from actors.runtime.process_table import python_command
 from actors.runtime.processor import KernelModule, fingerprints, processor
 
@@ -62,7 +60,7 @@ def are_compiled(*, onboard: bool = False) -> bool:
 def _entry(*, onboard: bool) -> str:
     """Return the line of the stamp for these sources and this computer."""
     part = "robot" if onboard else "all"
-    return f"{source_hash(kernel_sources())} {_environment()}, {part}"
+    return f"{module_state('')} {_environment()}, {part}"
 
 
 class _Compilation:
@@ -156,12 +154,19 @@ def kernel_modules(*, onboard: bool = False) -> Sequence[KernelModule]:
 @contextmanager
 def _progress(count: int, *, quiet: bool) -> Iterator[Callable[[], None]]:
     """Yield a function to call after each of `count` modules."""
+    from rich import progress  # noqa: PLC0415  # rarely needed
+
+    from actors.console import create_console  # noqa: PLC0415
+
     console, began = create_console(stderr=True), time.monotonic()
     if quiet:
         yield lambda: None
     elif console.is_terminal:
-        columns = (TextColumn(_TITLE), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
-        with Progress(*columns, console=console, transient=True) as bar:
+        columns = (
+            progress.TextColumn(_TITLE), progress.BarColumn(), progress.MofNCompleteColumn(),
+            progress.TimeElapsedColumn(),
+        )  # fmt: skip
+        with progress.Progress(*columns, console=console, transient=True) as bar:
             task = bar.add_task("", total=count)
             yield lambda: bar.advance(task)
     else:

@@ -33,7 +33,6 @@ from actors.runtime.errors import AcrcError
 from actors.runtime.isolation.sandbox import MESSAGE_LIMIT, SandboxPaths
 from actors.runtime.process_setup import SETUP, ActorSetup
 from actors.runtime.process_table import ProcessState, child_environment, python_command
-from actors.runtime.recording import read_notes
 
 _ANSWER_S: Final = 300.0
 """Timeout for the start of a process; the server may have to compile the kernels first. Own choice."""
@@ -87,6 +86,8 @@ class ChildProcess:
 
     def notes(self) -> Mapping[str, str]:
         """Return the notes in its recording so far, by name. Raises RecordingError."""
+        from actors.runtime.recording import read_notes  # noqa: PLC0415  # the server starts earlier without it
+
         assert self.program.record is not None
         return read_notes(self.program.record)
 

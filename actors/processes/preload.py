@@ -18,7 +18,6 @@ from actors.world.program import KERNELS
 # The shipped strategies, by name: actors do not depend on the model problem. User strategies are not shared.
 for strategy in importlib.import_module("cleaning.strategies.registry").STRATEGIES.values():
     importlib.import_module(strategy.partition(":")[0])
-fingerprints(KERNELS)
-fingerprints(RADIO_KERNELS)
-robot_setup.kernels()
+robot_setup.kernels()  # loads them once for all robots; world and radio load those that they call
+fingerprints((*KERNELS, *RADIO_KERNELS), saved=True)
 freeze_heap()  # a garbage collection would copy the shared pages

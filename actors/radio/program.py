@@ -50,7 +50,7 @@ def load_setup(path: Path) -> RadioProgram:
 
 def actor_process(setup: RadioSetup, folder: Path, commit: str) -> ActorProcess:
     """Return the radio of a set-up in `folder`, with its connections."""
-    prints = fingerprints(KERNELS)
+    prints = fingerprints(KERNELS, saved=True)
     core = build(setup.resolve_paths(folder))
     run = run_note("radio", setup, commit, seed=setup.seed, kernels=prints)
     return ActorProcess(

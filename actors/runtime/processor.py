@@ -1,15 +1,19 @@
 """The processor, and fingerprints of its arithmetic; for messages, never in a digest."""
 
-import functools
 import hashlib
+import os
 import platform
 import re
 import sys
 from collections.abc import Iterable, Mapping, Sequence
+from contextlib import suppress
 from pathlib import Path
-from typing import Final, Protocol
+from typing import Annotated, Final, Protocol
 
 import msgspec
+
+from actors.kernels import cache_folder, module_state, write_file
+from actors.runtime.regular_file import read_bytes
 
 _FEATURES: Final = frozenset({
     "sse2", "sse42", "avx", "avx2", "fma3", "avx512f", "avx512_skx", "x86_v3", "x86_v4",
@@ -65,6 +69,16 @@ def _model_in(lines: Iterable[str]) -> str:
 
 _SHORT: Final = 16
 """Hexadecimal digits of a hash in a message."""
+_MAX_BYTES: Final = 1 << 16
+_Hashes = Annotated[
+    dict[str, Annotated[str, msgspec.Meta(pattern="^[0-9a-f]{64}$")]], msgspec.Meta(min_length=1)
+]
+_VARIABLES: Final = re.compile(r"GLIBC_TUNABLES|(?:LD|NPY|NUMBA|NUMPY|OPENBLAS|OMP|MKL|BLIS)_.*")
+"""Environment variables that select code paths."""
+_CPU: Final = re.compile(rb"(?m)^(?:vendor|cpu (?!MHz)|model|stepping|microcode|flags|Features|CPU).*")
+"""Lines of /proc/cpuinfo that are constant."""
+_LIBRARY: Final = re.compile(rb"(?m)/\S*/(?:lib(?:m|c|python)[-.\d]\S*|python[\d.]*|_multiarray_umath\S*)$")
+"""Mapped files that compute."""
 
 
 class KernelModule(Protocol):
@@ -78,12 +92,22 @@ class KernelModule(Protocol):
         """Return the kernels' results for fixed inputs, together or by function."""
 
 
-def fingerprints(modules: Iterable[KernelModule]) -> dict[str, str]:
+_known: Final[dict[KernelModule, dict[str, str]]] = {}
+"""Hashes in this process."""
+
+
+def fingerprints(modules: Iterable[KernelModule], *, saved: bool = False) -> dict[str, str]:
     """Return the SHA-256 of each module's fingerprint, by module or function name.
 
-    Computed once per process and its forks.
+    Computed once per process and its forks, which loads the kernels. `saved`: use those that a process with
+    the same sources, processor and libraries has computed; kernels are then loaded once they are called.
     """
-    return dict(pair for module in modules for pair in _hashed(module))
+    found: dict[str, str] = {}
+    for module in modules:
+        if module not in _known:
+            _known[module] = _saved(module) if saved else _hashed(module)
+        found |= _known[module]
+    return found
 
 
 def combine_fingerprints(prints: Mapping[str, str]) -> str:
@@ -122,12 +146,44 @@ def difference_cause(there: Processor, here: Processor, names: list[str]) -> str
     return ""
 
 
-@functools.cache
-def _hashed(module: KernelModule) -> tuple[tuple[str, str], ...]:
-    given = module.fingerprint()
-    if isinstance(given, bytes):
-        return ((module.__name__, hashlib.sha256(given).hexdigest()),)
-    return tuple(
-        (f"{module.__name__}.{function}", hashlib.sha256(result).hexdigest())
-        for function, result in given.items()
-    )
+def _hashed(module: KernelModule) -> dict[str, str]:
+    """Return the hashes by module or function name, in the order of the functions."""
+    given, name = module.fingerprint(), module.__name__
+    results = {name: given} if isinstance(given, bytes) else {f"{name}.{one}": given[one] for one in given}
+    return {one: hashlib.sha256(result).hexdigest() for one, result in results.items()}
+
+
+def _saved(module: KernelModule) -> dict[str, str]:
+    """Return the hashes from the cache of kernels; if it has no valid file of them, compute and save them."""
+    state, environment = module_state(module.__name__), _arithmetic()
+    if state is None or environment is None:
+        return _hashed(module)
+    path = cache_folder() / f"{module.__name__}-{state}" / f"{environment}.fingerprint"
+    with suppress(OSError, msgspec.MsgspecError):
+        return msgspec.json.decode(read_bytes(path, _MAX_BYTES), type=_Hashes)
+    found = _hashed(module)
+    write_file(path, msgspec.json.encode(found))
+    return found
+
+
+def _arithmetic() -> str | None:
+    """Return a hash of everything beside the sources that may change results; None: unknown.
+
+    Processor, libraries with their files, the variables that configure them, rounding and small numbers.
+    """
+    small, unit = sys.float_info.min, sys.float_info.epsilon
+    numpy = sys.modules.get("numpy._core._multiarray_umath")
+    try:
+        mapped = [Path(os.fsdecode(one)) for one in _LIBRARY.findall(Path("/proc/self/maps").read_bytes())]
+        packages = [Path(one) for one in sys.path if one.endswith("-packages")]
+        cpu = sorted({*_CPU.findall(Path("/proc/cpuinfo").read_bytes())})
+        files = {path: path.stat() for path in sorted({*mapped, *packages})}
+    except OSError:
+        return None
+    parts = (
+        platform.machine(), sys.version, sys.flags.optimize, cpu, getattr(numpy, "__cpu_features__", {}),
+        [(str(path), one.st_size, one.st_mtime_ns) for path, one in files.items()],
+        sorted(item for item in os.environ.items() if _VARIABLES.fullmatch(item[0])),
+        (small / 2 * 2, 1.0 + unit * 0.75, 1.0 + unit * 0.25),
+    )  # fmt: skip
+    return hashlib.sha256(repr(parts).encode()).hexdigest()[:_SHORT]

@@ -118,7 +118,7 @@ def outcome_of(core: WorldCore) -> dict[str, object]:
 def world_note(setup: WorldSetup, commit: str) -> RunNote:
     """Return the first record of the world's recording."""
     kernels = (*KERNELS, *load_task(setup.task.use).kernels, *(PEOPLE_KERNELS if setup.has_people else ()))
-    return run_note("world", setup, commit, seed=setup.seed, kernels=fingerprints(kernels))
+    return run_note("world", setup, commit, seed=setup.seed, kernels=fingerprints(kernels, saved=True))
 
 
 class Conductor:

@@ -174,7 +174,7 @@ class MemorySwarm:
                 recorder.note("final", final_note(shell, process, cpu_s))
 
     def _execute(self) -> None:
-        fingerprints(kernel_modules())  # before any timeout starts: the first call ever takes a minute
+        fingerprints(kernel_modules(), saved=True)  # before any timeout: computing them ever takes a minute
         with (
             self._breakpoints(),
             raise_on_hard_exit(),
@@ -312,7 +312,6 @@ def _infrequent_collection() -> Iterator[None]:
     """
     before, is_frozen = gc.get_threshold(), gc.get_freeze_count() > 0
     if not is_frozen:
-        gc.collect()
         gc.freeze()
     gc.set_threshold(20_000, 20, 20)
     try:

@@ -16,7 +16,7 @@ from actors.processes.robot_logs import print_output, program_output
 from actors.runtime.errors import AcrcError, printable
 from actors.runtime.failure import FailureNote
 from actors.runtime.recording import RecordingError
-from deploy.run.plan import DebuggedRobot, RunPlan, robot_program, write_robot_folder
+from deploy.run.plan import DebuggedRobot, RunPlan, robot_program, shared_arguments, write_robot_folder
 
 _HUNG: Final = re.compile(r'^Timeout.*?File "([^"\n]*)", line (\d+)', re.DOTALL | re.MULTILINE)
 """Position of the main thread in faulthandler's output."""
@@ -42,6 +42,8 @@ def preflight(plan: RunPlan, launcher: Launcher, limits: PreflightLimits = Prefl
         options = replace(plan.options, out=folder)
         trial = replace(plan, options=options, debug=plan.debug and DebuggedRobot("", ""))
         write_robot_folder(trial, robot)
+        for words in shared_arguments(trial, Path(), {robot.id}):  # the run's robots need the same data
+            launcher.share("actors.robot.program", words, folder)
         program = robot_program(trial, robot, ProcessOrder(robot.id, 0), 0)
         program = replace(program, argv=(*program.argv, "--preflight", f"{limits.patience_s:g}"))
         child = launcher.start(program)

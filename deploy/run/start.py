@@ -67,24 +67,6 @@ def output_folder(out: Path, *, quiet: bool) -> Iterator[None]:
         yield
 
 
-@contextmanager
-def early_launcher(options: RunOptions) -> Iterator["Launcher | None"]:
-    """Start the server of a run's processes, which imports their modules while this process plans.
-
-    None for a run without it, and if the kernels are not compiled yet.
-    """
-    if options.bus == "zenoh" and not options.hardware:
-        from actors.processes.launcher import create_launcher  # noqa: PLC0415
-
-        with create_launcher(options.spawn) as launcher:
-            from actors.processes.kernel_compilation import are_compiled  # noqa: PLC0415
-
-            if are_compiled():
-                yield launcher
-                return
-    yield None
-
-
 def start_run(
     prepared: PreparedRun,
     *,

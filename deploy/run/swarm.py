@@ -16,6 +16,7 @@ from acrc_testbed.results.result import RunResult, gather_result
 from acrc_testbed.results.seal import remote_recordings, seal
 from actors.installation.usage import wrong_value
 from actors.installation.version import software_version
+from actors.kernels import load_numba
 from actors.messages import PROGRESS, ROSTER, ProcessOrder, Progress
 from actors.orders import ItemAssignment
 from actors.processes import monitor
@@ -162,6 +163,8 @@ def plan(scenario: Scenario, options: RunOptions, hosts_fault: str | None = None
     strategy's code is executed once in this process; its exceptions are raised as AcrcErrors.
     """
     memory = options.bus == "memory"
+    if memory:
+        load_numba()  # the run needs it, and surveys are faster with it
     choice = IsolationChoice(False) if memory else choose_isolation(options.isolate, elsewhere=hosts_fault)
     resolved = resolve(scenario)
     _check_robots("--robot", options.followed, resolved.world.ids)

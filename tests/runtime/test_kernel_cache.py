@@ -13,6 +13,7 @@ import pytest
 from actors import kernels
 from actors.floor import raster
 from actors.portable import arrays
+from actors.runtime import processor
 
 STATES = """
 import json
@@ -163,3 +164,33 @@ kept = [one for result in raster._regions.overloads.values() for one in result.r
 assert kept and all(lookup_environment(one.env_name) is one for one in kept), "code has addresses"
 """
     subprocess.run([sys.executable, "-c", program], check=True)
+
+
+def test_saved_fingerprints_are_those_computed_and_invalid_or_foreign_ones_are_computed_again(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(processor, "cache_folder", lambda: tmp_path)
+    computed: list[str] = []
+
+    def hashed(module: processor.KernelModule) -> dict[str, str]:
+        computed.append(module.__name__)
+        return {module.__name__: "ab" * 32}
+
+    monkeypatch.setattr(processor, "_hashed", hashed)
+
+    def saved() -> dict[str, str]:
+        monkeypatch.setattr(processor, "_known", {})
+        return processor.fingerprints([raster], saved=True)
+
+    assert saved() == saved() == {raster.__name__: "ab" * 32} and len(computed) == 1
+    (file,) = tmp_path.rglob("*.fingerprint")
+    for content in (b"", b"{}", b"\xff", b'{"actors.floor.raster": "forged"}', b"{}" + b" " * 100_000):
+        file.write_bytes(content)
+        assert saved() == {raster.__name__: "ab" * 32}, content
+    assert len(computed) == 6
+    for variable in ("GLIBC_TUNABLES", "NPY_DISABLE_CPU_FEATURES", "NUMBA_CPU_NAME"):
+        monkeypatch.setenv(variable, "x")
+        saved()
+    assert len(computed) == 9 and len([*tmp_path.rglob("*.fingerprint")]) == 4
+    processor.fingerprints([raster])
+    assert len(computed) == 9, "known in this process"
