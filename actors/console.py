@@ -1,38 +1,46 @@
 """Terminal output: plain text, and tables that never break a word."""
 
+import sys
 from collections.abc import Iterable
+from typing import TYPE_CHECKING
 
-from rich.console import Console
-from rich.measure import Measurement
-from rich.table import Table
+if TYPE_CHECKING:
+    from rich.console import Console
+    from rich.table import Table
 
 _ENDLESS = 100_000
 """Characters; wider than any table."""
 
 
-def create_console(*, stderr: bool = False, soft_wrap: bool = True, width: int | None = None) -> Console:
+def create_console(*, stderr: bool = False, soft_wrap: bool = True, width: int | None = None) -> "Console":
     """Return a console that prints text literally, without emoji codes or markup.
 
     `soft_wrap`: let the terminal wrap lines; False for output that is redrawn, such as a progress bar.
     `width`: characters; None: the terminal's width.
     """
+    from rich.console import Console  # noqa: PLC0415 - not needed for plain sentences
+
     return Console(
         stderr=stderr, soft_wrap=soft_wrap, width=width, highlight=False, markup=False, emoji=False
     )
 
 
-def print_parts(parts: Iterable[str | Table], width: int | None = None) -> None:
+def print_parts(parts: "Iterable[str | Table]", width: int | None = None) -> None:
     """Print sentences and tables to standard output, in this order."""
-    console = create_console(width=width)
     for part in parts:
-        if isinstance(part, str):
-            console.print(part)
+        if not isinstance(part, str):
+            print_table(create_console(width=width), part)
+        elif part.isprintable():
+            sys.stdout.write(f"{part}\n")
+            sys.stdout.flush()
         else:
-            print_table(console, part)
+            create_console().print(part)
 
 
-def print_table(console: Console, table: Table) -> None:
+def print_table(console: "Console", table: "Table") -> None:
     """Print a table; row by row if its columns do not fit side by side without breaking words."""
+    from rich.measure import Measurement  # noqa: PLC0415
+
     wide = console.options.update(max_width=_ENDLESS)
     columns = [
         [Measurement.get(console, wide, cell) for cell in (column.header, *column.cells)]
@@ -63,7 +71,7 @@ def _narrowed(widths: list[int], least: list[int], room: int) -> list[int]:
     return fitting
 
 
-def _print_rows(console: Console, table: Table) -> None:
+def _print_rows(console: "Console", table: "Table") -> None:
     """Print each row's first cell, then its other cells below, each after its column title."""
     if table.title:
         console.print(table.title)

@@ -5,7 +5,6 @@ from collections import defaultdict
 from collections.abc import Mapping
 from contextlib import ExitStack
 from dataclasses import replace
-from functools import cache
 from pathlib import Path
 from typing import Any, Final, Self
 
@@ -44,7 +43,6 @@ from actors.messages import (
 )
 from actors.radio.radio_model import RadioSetup
 from actors.runtime.recording import Direction
-from actors.runtime.replay_bus import topic_of
 from actors.topic import Message, Topic
 from actors.world.world_setup import WorldSetup
 
@@ -183,16 +181,12 @@ class RunReader:
     def _read_messages(self, actor: str, path: Path) -> None:
         topics = self._topics(actor, path)
         if actor not in self._files:
-
-            @cache
-            def is_wanted(direction: Direction, key: str) -> bool:
-                return (actor == "world" and key == TRUTH.pattern) or topics.get(topic_of(key)) == direction
-
-            growing = GrowingRecording(path, is_wanted=is_wanted)
+            wanted = {(way, topic.key(robot)) for topic, way in topics.items() for robot in self.robots}
+            growing = GrowingRecording(path, wanted={*wanted, ("out", TRUTH.pattern)})
             self._files[actor] = self._stack.enter_context(growing)
         robot = path.parent.name
         for one in self._files[actor].poll() if topics else ():
-            if actor == "world" and one.key == TRUTH.pattern:
+            if one.key == TRUTH.pattern and one.direction == "out":
                 self._completed_step = max(self._completed_step, one.step - 1)
             elif (message := one.message()) is not None:
                 try:

@@ -47,31 +47,33 @@ def regions(grid: OccupancyGrid, passable: Flags, clearance: Floats, room: float
     count = int(labels.max())
     narrow = raster.regions(passable & ~opened)
     doors: list[Door] = []
-    numbered = labels.copy()
-    for number in range(1, int(narrow.max()) + 1):
-        cells = narrow == number
-        adjacent = adjacent_labels(labels, cells)
+    numbers = [0]
+    """By number of the narrow part: of its region; negative: of its door."""
+    for number, adjacent in enumerate(adjacent_labels(labels, narrow), start=1):
         if len(adjacent) > 1:
+            cells = narrow == number
             row, column = divmod(int(np.argmax(np.where(cells, clearance, 0.0))), grid.columns)
             doors.append(Door(len(doors), grid.centre(Cell(row, column)), adjacent))
-            numbered[cells] = -len(doors)
+            numbers.append(-len(doors))
             continue
         if not adjacent:
             count += 1
-        numbered[cells] = adjacent[0] if adjacent else count
+        numbers.append(adjacent[0] if adjacent else count)
+    numbered = labels + np.array(numbers, np.int32)[narrow]
     numbered = np.where(numbered < 0, count - numbered, numbered).astype(np.int32)
     numbered.setflags(write=False)
     return Regions(numbered, count, tuple(doors))
 
 
-def adjacent_labels(labels: Int32s, cells: Flags) -> tuple[int, ...]:
-    """Return the labels of regions and doors adjacent to these cells, ascending."""
-    beside = np.zeros_like(cells)
-    beside[1:] |= cells[:-1]
-    beside[:-1] |= cells[1:]
-    beside[:, 1:] |= cells[:, :-1]
-    beside[:, :-1] |= cells[:, 1:]
-    return tuple(int(label) for label in np.unique(labels[beside]) if label > 0)
+def adjacent_labels(labels: Int32s, parts: Int32s) -> list[tuple[int, ...]]:
+    """Return the labels of regions and doors adjacent to each part, ascending; 0 in `parts`: no part."""
+    found: list[set[int]] = [set() for _ in range(int(parts.max()))]
+    for part, label in ((parts, labels), (parts.T, labels.T)):
+        for here, beside in ((part[1:], label[:-1]), (part[:-1], label[1:])):
+            touching = (here > 0) & (beside > 0)
+            for number, other in {*zip(here[touching].tolist(), beside[touching].tolist(), strict=True)}:
+                found[number - 1].add(other)
+    return [tuple(sorted(each)) for each in found]
 
 
 _MAX_DISTANCE: Final = 0.5
@@ -179,5 +181,4 @@ class Doorways:
         box = np.s_[south : int(rows.max()) + 2, west : int(columns.max()) + 2]
         pieces = raster.regions(rest[box])
         labels = self.regions.labels[box]
-        adjacent = (adjacent_labels(labels, pieces == number) for number in range(1, int(pieces.max()) + 1))
-        return not any(set(door.regions).issubset(labels) for labels in adjacent)
+        return not any(set(door.regions).issubset(adjacent) for adjacent in adjacent_labels(labels, pieces))

@@ -4,14 +4,14 @@ import hashlib
 import math
 from collections.abc import Callable, Hashable
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 from typing import Any, Final, Generic, NamedTuple, TypeVar
 from weakref import WeakValueDictionary
 
 import numpy as np
 from numpy.typing import NDArray
 
-from actors.array_types import Flags, Floats, Octets
+from actors.array_types import Flags, Floats, Int32s, Octets
 from actors.floor import raster
 from actors.floor.raster_arrays import runs
 from actors.geometry import Point
@@ -21,10 +21,10 @@ V = TypeVar("V")
 
 
 class SharedCache(Generic[V]):
-    """Weak cache of immutable values by their content.
+    """Weak cache of immutable values by their content, and of the last value.
 
-    A process that needs a value once does not keep it; one that starts many robots keeps those of the first,
-    so that the others, also forked ones, share them.
+    A process that starts many robots keeps the values of the first, so that the others, also forked ones,
+    share them.
     """
 
     def __init__(self) -> None:
@@ -35,6 +35,7 @@ class SharedCache(Generic[V]):
         value = self._known.get(content)
         if value is None:
             value = self._known[content] = make()
+        self._last = value
         return value
 
 
@@ -171,7 +172,13 @@ def reachable(grid: OccupancyGrid, start: Point, clearance: float = 0.0) -> Flag
     """
     if not grid.contains(start):
         return np.zeros(grid.cells.shape, dtype=np.bool_)
-    return raster.flood(passable(grid, clearance), *grid.cell(start))
+    parts = _parts(grid, clearance)
+    return np.equal(parts, parts[grid.cell(start)] or -1)
+
+
+@lru_cache(2)
+def _parts(grid: OccupancyGrid, clearance: float) -> Int32s:
+    return raster.regions(passable(grid, clearance))
 
 
 def largest_region(grid: OccupancyGrid, clearance: float = 0.0) -> Flags:

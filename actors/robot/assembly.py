@@ -34,7 +34,6 @@ from actors.robot.sweep import OdometryBuffer
 from actors.robot_model import AdversaryKind, RobotDescription, RobotModel
 from actors.runtime.process_setup import RecordDetail
 from actors.runtime.processor import fingerprints
-from actors.runtime.recording import scans
 from actors.settings import Count
 from deeco.node import observing_nodes
 
@@ -174,5 +173,7 @@ def _localisation(setup: RobotSetup, model: RobotModel, field: LikelihoodField |
 
 def kernels() -> dict[str, str]:
     """Compile all kernels of a robot and its recorder; return the fingerprints of the robot's, by module."""
+    from actors.runtime.recording import scans  # noqa: PLC0415 - and the libraries of recordings
+
     scans.fingerprint()
     return fingerprints(KERNELS)
