@@ -45,8 +45,7 @@ class FloorPaths:
         cells = np.where(self._fits, FREE, OCCUPIED).astype(np.uint8)
         self._grid = OccupancyGrid(cells, grid.resolution * by, grid.origin)
         self._reach = reach
-        self._fields: dict[tuple[float, float], Int32s | None] = {}
-        self._start_cells: dict[tuple[int, int], Cell | None] = {}
+        self._field, self._start_cell = cache(self._compute_field), cache(self._nearest_cell)
 
     def lengths(self, points: Points, goal: tuple[float, float]) -> Floats:
         """Return path lengths from points, (n, 2), m, to the goal, (n,), m; inf without a path."""
@@ -93,17 +92,13 @@ class FloorPaths:
         cells: Int64s = np.floor((points - corner) / self._grid.resolution).astype(np.int64)
         return cells[:, ::-1]
 
-    def _start_cell(self, row: int, column: int) -> Cell | None:
-        if (row, column) not in self._start_cells:
-            middle = self._grid.centre(Cell(row, column))
-            self._start_cells[row, column] = nearest_cell(self._grid, self._fits, middle, _MAX_OFFSET)
-        return self._start_cells[row, column]
+    def _nearest_cell(self, row: int, column: int) -> Cell | None:
+        middle = self._grid.centre(Cell(row, column))
+        return nearest_cell(self._grid, self._fits, middle, _MAX_OFFSET)
 
-    def _field(self, goal: tuple[float, float]) -> Int32s | None:
-        if goal not in self._fields:
-            cell = nearest_cell(self._grid, self._fits, Point(*goal), self._reach)
-            self._fields[goal] = None if cell is None else potential(self._costs, *cell)
-        return self._fields[goal]
+    def _compute_field(self, goal: tuple[float, float]) -> Int32s | None:
+        cell = nearest_cell(self._grid, self._fits, Point(*goal), self._reach)
+        return None if cell is None else potential(self._costs, *cell)
 
 
 _MIN_AREA: Final = 1.0
@@ -123,7 +118,7 @@ class Passages:
         self._centres = grid.centres()
         self._neck = _neck_cells(grid, self._floor, neck) if neck else np.zeros(grid.cells.shape, np.bool_)
         self._to_neck = raster.squared_distance(self._neck) * grid.resolution**2
-        self._cache: dict[tuple[float, float, float], bool] = {}
+        self._is_passage = cache(self._is_passage_square)
         self.is_closed_by = cache(self._is_closed_by)
         """True if a robot at this point, m, cuts off at least 1 m² of the reachable floor."""
 
@@ -141,7 +136,7 @@ class Passages:
         """
         side = within / 2
         squares, groups = np.unique(np.floor(points / side).astype(np.int64), axis=0, return_inverse=True)
-        passages = [self._is_passage_square(float(x), float(y), within) for x, y in (squares + 0.5) * side]
+        passages = [self._is_passage(float(x), float(y), within) for x, y in (squares + 0.5) * side]
         return np.array(passages, np.bool_)[groups.reshape(-1)]
 
     def are_visible(self, one: Floats, other: Floats) -> Flags:
@@ -154,12 +149,9 @@ class Passages:
         return seen
 
     def _is_passage_square(self, x: float, y: float, within: float) -> bool:
-        key = (x, y, within)
-        if key not in self._cache:
-            point = Point(x, y)
-            near = self._grid.contains(point) and self._to_neck[self._grid.cell(point)] <= within**2
-            self._cache[key] = bool(near) or self.is_near_passage(point, within)
-        return self._cache[key]
+        point = Point(x, y)
+        near = self._grid.contains(point) and self._to_neck[self._grid.cell(point)] <= within**2
+        return bool(near) or self.is_near_passage(point, within)
 
     def is_near_passage(self, point: Point, within: float = 0.5) -> bool:
         """Return True if a robot at some floor point within `within`, m, would close a passage.
