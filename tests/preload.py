@@ -19,11 +19,13 @@ LATER = (
 ) + (() if find_spec("rerun") else ("deploy.fleet.fleet_view", "acrc_testbed.view."))
 
 import_module("actors.processes.preload")
-for _package in ("acrc_testbed", "deploy"):
+for _package in ("acrc_testbed", "cleaning", "deploy", "logistics"):
     for _file in sorted(Path(REPOSITORY, _package).rglob("*.py")):
         _name = ".".join(_file.relative_to(REPOSITORY).with_suffix("").parts).removesuffix(".__init__")
         if not _name.endswith("__main__") and not f"{_name}.".startswith(LATER):
             import_module(_name)
+for _module in import_module("actors.processes.kernel_compilation").kernel_modules():
+    _module.fingerprint()  # loads the kernels
 version.software_version()  # this and the next call start two processes each, once for all forks
 sandbox.isolation_fault()
 tempfile.tempdir = None  # each fork has its own TMPDIR

@@ -44,6 +44,8 @@ def task_entry(name: str) -> str:
     """Return the entry string of a task given by name or entry string. Raises TaskError."""
     if ":" in name:
         return name
+    if name in TASKS:
+        return TASKS[name]
     known = dict(TASKS)
     for point in sorted(importlib.metadata.entry_points(group=GROUP), key=lambda one: (one.name, one.value)):
         known.setdefault(point.name, point.value)

@@ -1,9 +1,10 @@
 """Registry of strategies by name."""
 
+import importlib
 import importlib.metadata
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from types import MappingProxyType
+from types import MappingProxyType, ModuleType
 from typing import Final
 
 from actors.robot.behaviour import handover
@@ -100,6 +101,12 @@ def strategies() -> tuple[Strategy, ...]:
     )
     everyone = [*shipped, *installed]
     return tuple(replace(one, fault=_conflict(one, everyone)) for one in everyone)
+
+
+def share(behaviour: str) -> list[ModuleType]:
+    """Import the shipped strategies of an entry string or a sequence of them, for forks of this process."""
+    entries = [name for name in handover.names(behaviour) if name in STRATEGIES.values()]
+    return [importlib.import_module(entry.partition(":")[0]) for entry in entries]
 
 
 def _title(distribution: importlib.metadata.Distribution | None) -> str:

@@ -44,6 +44,7 @@ def preflight(plan: RunPlan, launcher: Launcher, limits: PreflightLimits = Prefl
         write_robot_folder(trial, robot)
         for words in shared_arguments(trial, Path(), {robot.id}):  # the run's robots need the same data
             launcher.share("actors.robot.program", words, folder)
+        launcher.share("cleaning.strategies.registry", (plan.behaviour,), folder)
         program = robot_program(trial, robot, ProcessOrder(robot.id, 0), 0)
         program = replace(program, argv=(*program.argv, "--preflight", f"{limits.patience_s:g}"))
         child = launcher.start(program)

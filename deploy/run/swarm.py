@@ -36,8 +36,6 @@ from actors.runtime.zenoh_bus import open_mesh
 from actors.user_code import expect_hashes
 from deploy.hosts.address import parse_listen
 from deploy.run import progress
-from deploy.run.dry_run import preflight_in_process
-from deploy.run.memory_swarm import MemorySwarm
 from deploy.run.options import RunOptions, router_link
 from deploy.run.out_folder import check_new
 from deploy.run.plan import (
@@ -66,6 +64,7 @@ from deploy.scenario.tables import Scenario
 if TYPE_CHECKING:
     from deploy.hosts.allocation import HostPool
     from deploy.hosts.run_hosts import RunHosts
+    from deploy.run.memory_swarm import MemorySwarm
 
 _KEYS: Final = "keys"
 """Folder of this computer's keys, in the world's folder."""
@@ -184,6 +183,8 @@ def plan(scenario: Scenario, options: RunOptions, hosts_fault: str | None = None
         debug=debug,
     )
     if memory:
+        from deploy.run.dry_run import preflight_in_process  # noqa: PLC0415
+
         expect_hashes(options.recorded)
         with run_watchdog(planned.timeout.step_s) if planned.has_user_code else nullcontext():
             preflight_in_process(resolved, options.modules)
@@ -198,6 +199,8 @@ def _check_robots(option: str, robots: Iterable[str], known: Sequence[str]) -> N
 
 def run_in_memory(plan: RunPlan, on_progress: OnProgress, bus: MemoryBus | None = None) -> RunResult:
     """Run all actors in this process; return the result."""
+    from deploy.run.memory_swarm import MemorySwarm  # noqa: PLC0415  # the world's and radio's modules
+
     started = time.time()
     write_run_folder(plan)
     swarm = MemorySwarm(plan, bus or MemoryBus(), on_progress)
@@ -306,7 +309,7 @@ def _report_delays(held_up: Mapping[str, StepDelays]) -> None:
 
 
 def _write_result(
-    plan: RunPlan, swarm: MemorySwarm | RunSupervisor, started: float, bus: str, cpu_s: float
+    plan: RunPlan, swarm: "MemorySwarm | RunSupervisor", started: float, bus: str, cpu_s: float
 ) -> RunResult:
     isolation = (
         "none" if bus == "memory" else "full" if plan.isolate and plan.debug is None else "credentials"
