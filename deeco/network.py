@@ -81,7 +81,8 @@ class Replicas:
         self._counters = counters
         self._authenticated = authenticated
         self.by_id: dict[str, Replica] = {}
-        """Replicas in order of id."""
+        """Replicas, in order of id after an iteration."""
+        self._is_sorted = True
         self._versions: dict[str, Version] = {}
         self._older: dict[str, tuple[Version, int]] = {}
         """Last older version received since the replica was dropped, and number of increases."""
@@ -89,6 +90,8 @@ class Replicas:
         """Lower bound of all `heard`, so that `drop_old` rarely iterates."""
 
     def __iter__(self) -> Iterator[Replica]:
+        if not self._is_sorted:
+            self.by_id, self._is_sorted = dict(sorted(self.by_id.items())), True
         return iter(self.by_id.values())
 
     def __len__(self) -> int:
@@ -127,15 +130,13 @@ class Replicas:
             self._older.pop(forgotten, None)
         self._oldest = min(self._oldest, replica.heard)
         before = self.by_id.get(component)
-        if before is not None:
-            self.by_id[component] = replica
-            return before
-        if len(self.by_id) >= self._most:
-            self._counters.replicas_evicted += 1
-            del self.by_id[min(self.by_id.values(), key=lambda one: (one.heard, one.id)).id]
+        if before is None:
+            if len(self.by_id) >= self._most:
+                self._counters.replicas_evicted += 1
+                del self.by_id[min(self.by_id.values(), key=lambda one: (one.heard, one.id)).id]
+            self._is_sorted = False
         self.by_id[component] = replica
-        self.by_id = dict(sorted(self.by_id.items()))
-        return None
+        return before
 
     def drop_old(self, now: Instant) -> None:
         """Drop replicas that have not been received for too long."""
@@ -220,7 +221,7 @@ class Relay:
         if len(self._scheduled) >= self._parameters.max_waiting:
             self._counters.relays_refused += 1
             return
-        component, version = packet.component, packet.version
+        component, version, _, _ = packet
         waiting = self.waiting[component] = new_tuple(_WaitingPacket, (version, data))
         # a number in [0, 1) that depends on node and packet only, not on other draws
         name = f"{component}/{version.epoch}/{version.counter}".encode("utf-8", "surrogatepass")
@@ -377,12 +378,11 @@ class Network:
     def transmissions(self, until: Instant) -> list[Transmission]:
         """Return the frames sent since the last call and relayed before `until`; packets of one instant share
         frames."""
-        relayed = [] if self._relay is None else self._relay.due(until)
-        if not self._outbox and not relayed:
+        packets = self._outbox if self._relay is None else self._relay.due(until) + self._outbox
+        if not packets:
             return []
         sent: list[Transmission] = []
-        packets = sorted(relayed + self._outbox, key=_INSTANT)
-        for instant, group in groupby(packets, key=_INSTANT):
+        for instant, group in groupby(sorted(packets, key=_INSTANT), key=_INSTANT):
             frames = self._fragmenter.frames([data for _, data in group])
             sent += [new_tuple(Transmission, (instant, frame)) for frame in frames]
         self._outbox = []
@@ -416,7 +416,7 @@ class Network:
                 counters.packets_forged += 1
             elif packet := self._unpacker.unpack(content):
                 found.append((data, packet))
-                is_whole = is_whole and len(frame) - len(data) < SHORTEST
+                is_whole &= len(frame) - len(data) < SHORTEST
             else:
                 counters.packets_junk += 1
         frames = self._shared_frames
