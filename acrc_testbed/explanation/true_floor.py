@@ -14,6 +14,7 @@ from actors.floor import raster
 from actors.floor.doors import DoorError, Doorways
 from actors.floor.grid import FREE, OCCUPIED, Cell, OccupancyGrid, largest_region, nearest_cell
 from actors.geometry import Point
+from actors.kernels import load_numba
 from actors.robot.navigation.potential import STRAIGHT, UNREACHABLE, descent, potential
 
 Points = Floats
@@ -229,9 +230,7 @@ class TrueFloor:
         `changes`: steps, each with all objects on the floor from then on.
         """
         self.grid = grid
-        potential(
-            np.ones((1, 1), np.int32), 0, 0
-        )  # loads numba, which paths require, before `raster` does without
+        load_numba()  # paths require it, and passages are found faster with it
         self.passages = Passages(grid, radius, STANDARD.neck)
         self._radius, self._reach = radius, STANDARD.reported
         self._changes = changes
