@@ -75,7 +75,7 @@ def change_numba() -> None:
     set_env = codegen.set_env
 
     def set_existing(self: Any, name: str, environment: Environment) -> None:
-        if self._engine.is_symbol_defined(name):  # else once machine code is generated
+        if self._engine.get_global_value_address(name):  # else once machine code is generated
             set_env(self, name, environment)
 
     codegen.set_env = set_existing

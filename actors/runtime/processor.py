@@ -1,5 +1,6 @@
 """The processor, and fingerprints of its arithmetic; for messages, never in a digest."""
 
+import functools
 import hashlib
 import os
 import platform
@@ -166,6 +167,7 @@ def _saved(module: KernelModule) -> dict[str, str]:
     return found
 
 
+@functools.cache
 def _arithmetic() -> str | None:
     """Return a hash of everything beside the sources that may change results; None: unknown.
 
