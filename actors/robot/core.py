@@ -159,19 +159,12 @@ class RobotCore:
         twist = STILL
         if estimate.located:  # otherwise the robot stands and navigation waits
             twist = navigation.advance(instant, here, estimate.pose, velocity, senses.bumper != 0)
-        view = View(
-            instant=instant,
-            pose=estimate.pose,
-            moving=_is_moving(velocity),
-            goal=navigation.goal,
-            radio=events,
-            covariance=estimate.covariance,
-            lost=estimate.lost,
-            plan=navigation.plan,
-            backing_out=navigation.backing_out,
-            items=senses.items,
-            battery=senses.battery,
+        values = (
+            *(instant, estimate.pose, _is_moving(velocity), navigation.goal, events),
+            *(estimate.covariance, estimate.lost, navigation.plan, navigation.backing_out),
+            *(senses.items, senses.battery),
         )
+        view = new_tuple(View, values)
         decision = self._decide(view, Instant(instant + self._step_us))
         navigation.take(decision.goal, decision.paused, decision.back_out)
         if decision.relocalise:

@@ -48,6 +48,7 @@ from actors.robot.behaviour.ports import (
 )
 from actors.topic import MessagePart
 from deeco import DeecoError, Knowledge
+from deeco.knowledge import replace
 from deeco.link import Transmission
 from deeco.network import NetworkParameters, RelayParameters
 from deeco.node import Node
@@ -161,6 +162,7 @@ class RobotTaskMonitor:
         self._fields[field] = (*self._fields.get(field, ()), report)
 
 
+_NO_REQUESTS: Final = Decision()
 _TAGS: Final = 2**32
 """Tags of one epoch."""
 _MAX_BACKLOG: Final = 256
@@ -273,7 +275,10 @@ class _NodeBehaviour:
             sent = self.node.advance(until, self._receptions(view.radio))
         except DeecoError as error:
             raise BehaviourError(str(error)) from error
-        decision = Decision(frames=self._frames(sent, view.instant), **self._fields)
+        frames = self._frames(sent, view.instant)
+        if not frames and not self._fields:
+            return _NO_REQUESTS
+        decision = replace(_NO_REQUESTS, frames=frames, **self._fields)
         self._fields.clear()
         if decision.route is not None:
             self._monitor.reported = decision.route

@@ -7,6 +7,7 @@ fit a scan best are tracked by odometry, and later scans select one.
 
 import math
 from dataclasses import dataclass, field
+from functools import lru_cache
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -41,6 +42,7 @@ _MAX_PROBABILITY: Final = 0.999
 """Bounds of the probability of being lost."""
 
 
+@lru_cache(maxsize=4096)
 def odds_of_lost(agreeing: int, beyond: int) -> float:
     """Return the factor by which a scan changes the odds of being lost: a ratio of beta-binomial likelihoods.
 

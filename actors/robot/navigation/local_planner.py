@@ -30,7 +30,6 @@ from actors.robot.navigation.steering import (
     BaseLocalPlanner,
     DwaParameters,
     Steering,
-    reachable_range,
 )
 from actors.robot_model import DriveParameters
 from deeco.knowledge import new_tuple
@@ -127,9 +126,19 @@ def local_plan(
 
 
 @kernel
+def _window(velocity: float, limits: Floats) -> tuple[float, float]:
+    """Return the lowest and the highest velocity a period later, as SimpleTrajectoryGenerator::initialise."""
+    near = np.float64(np.float32(velocity))  # 32 bits as in the original
+    low = min(max(near - limits[0], limits[1]), limits[2])
+    high = max(min(near + limits[0], limits[2]), limits[1])
+    return np.float64(np.float32(low)), np.float64(np.float32(high))
+
+
+@kernel
 def choose_velocity(
     path: Floats,
     state: Floats,
+    limits: Floats,
     nose: float,
     counts: tuple[int, int],
     barred: Flags,
@@ -142,10 +151,10 @@ def choose_velocity(
 ) -> tuple[float, float, float]:
     """Return the fields of `CheapestVelocity`; no trajectory is valid if `path` is outside the window.
 
-    `state`, (12,): pose in the map frame and in the odometry frame; corner of the window in the latter, m;
-    lowest and highest speed, m/s, and turn rate, rad/s, of the dynamic window. `counts`: number of speeds and
-    turn rates. `alignment`: weight of that critic while the plan's end is farther than the nose. Other
-    parameters as for `local_plan`, `wavefront` and `cheapest_velocity`.
+    `state`, (10,): pose in the map frame and in the odometry frame; corner of the window in the latter, m;
+    speed, m/s, and turn rate, rad/s. `limits`, (2, 3), of both: change in a period, lowest, highest.
+    `counts`: number of sampled speeds and turn rates. `alignment`: weight of that critic while the plan's end
+    is farther than the nose. Other parameters as for `local_plan`, `wavefront` and `cheapest_velocity`.
     """
     cells, goal, front, far = local_plan(
         path, state[0:3], state[3:6], state[6:8], critics[0].cell, squared.shape[0], nose
@@ -156,9 +165,9 @@ def choose_velocity(
     critics[0].alignment = alignment if far else 0.0
     to_path, to_goal = wavefront(squared, limit, cells), wavefront(squared, limit, goal)
     waves = Waves(to_path, to_goal, wavefront(squared, limit, front))
-    window = state[8:12].astype(np.float32).astype(np.float64)  # 32 bits as in the original
-    speeds = samples(window[0], window[1], counts[0])
-    turns = samples(window[2], window[3], counts[1])
+    slowest, fastest = _window(state[8], limits[0])
+    right, left = _window(state[9], limits[1])
+    speeds, turns = samples(slowest, fastest, counts[0]), samples(right, left, counts[1])
     return cheapest_velocity(state[3:8], speeds, turns, barred, squared, waves, table, outline, critics)
 
 
@@ -166,9 +175,10 @@ def fingerprint() -> bytes:
     """Return the results of all kernels for fixed inputs; another processor may give others."""
     squared, table, corners, critics = example()
     path = np.column_stack((np.linspace(0.1, 5.0, 90), 0.8 + np.square(np.linspace(0, 1.5, 90))))
-    state = np.array([0.4, 0.8, 0.3, 1.115, 2.52, 0.6, -0.5, 0.5, -0.1, 0.5, -1.0, 1.0])
-    barred = np.zeros(4, np.bool_)
-    found = choose_velocity(path, state, 0.33, (7, 8), barred, squared, 4.5, table, corners, critics, 3.2)
+    state = np.array([0.4, 0.8, 0.3, 1.115, 2.52, 0.6, -0.5, 0.5, 0.2, 0.0])
+    limits, barred = np.array([[0.3, -0.1, 0.6], [1.0, -2.0, 2.0]]), np.zeros(4, np.bool_)
+    around = barred, squared, 4.5, table, corners, critics
+    found = choose_velocity(path, state, limits, 0.33, (7, 8), *around, 3.2)
     return np.array(found).tobytes()
 
 
@@ -177,6 +187,8 @@ _GOAL_HEADING: Final = 0.0
 d3scomp/deeco-adaptation-testbed sends the quaternion (0, 0, 0, 1)."""
 _ALL: Final = np.zeros(4, np.bool_)
 """No barred direction."""
+_UNCHANGED: Final = np.array([[0.0, -math.inf, math.inf]] * 2)
+"""Limits of the current velocity only."""
 
 
 class DwaLocalPlanner(BaseLocalPlanner):
@@ -199,6 +211,8 @@ class DwaLocalPlanner(BaseLocalPlanner):
         )
         self._alignment = float(self._critics["alignment"][0])
         self._outline = local.outline / cell
+        turn = self._max_turn
+        self._limits = np.array([[self._gain, p.min_speed, self._max_speed], [self._turn_gain, -turn, turn]])
         self._end = 0.0, 0.0
         """End of the plan, m, map frame."""
         self._arrived = False
@@ -238,26 +252,29 @@ class DwaLocalPlanner(BaseLocalPlanner):
 
         `barred`: (4,), True if forward, backward, left turn, right turn is barred.
         """
-        return self._cheapest(here, estimate, self._window(velocity), barred)
+        return self._cheapest(here, estimate, velocity, self._limits, barred)
 
     def _choose(self, instant: Instant, here: Pose, estimate: Pose, velocity: Twist) -> Steering:
         if self._is_near_end(estimate):
             return self._finish(here, estimate, velocity)
-        choice = self.dynamic_window(here, estimate, velocity, self._oscillation.barred)
+        choice = self._cheapest(here, estimate, velocity, self._limits, self._oscillation.barred)
         if choice.cost < 0.0:
             return NO_COMMAND
         self._oscillation.note(here, choice.speed, choice.turn)
         return new_tuple(Steering, (new_tuple(Twist, (choice.speed, 0.0, choice.turn)), True))
 
     def _cheapest(
-        self, here: Pose, estimate: Pose, window: tuple[float, float, float, float], barred: Flags
+        self, here: Pose, estimate: Pose, velocity: Twist, limits: Floats, barred: Flags
     ) -> CheapestVelocity:
-        """Return the cheapest velocity in `window`: lowest and highest speed, m/s, and turn rate, rad/s."""
+        """Return the cheapest velocity within `limits`, as for `choose_velocity`."""
         local, p, cell = self._local, self._p, self._cell
         corner = local.corner
         found = choose_velocity(
             self._path,
-            np.array([*estimate, *here, corner.column * cell, corner.row * cell, *window]),
+            np.array(
+                (*estimate, *here, corner.column * cell, corner.row * cell, velocity.vx, velocity.omega)
+            ),
+            limits,
             p.forward_point,
             (p.speed_samples, p.turn_samples),
             barred,
@@ -269,17 +286,6 @@ class DwaLocalPlanner(BaseLocalPlanner):
             self._alignment,
         )
         return new_tuple(CheapestVelocity, found)
-
-    def _window(self, velocity: Twist) -> tuple[float, float, float, float]:
-        """Return the dynamic window: lowest and highest speed, m/s, and turn rate, rad/s.
-
-        As SimpleTrajectoryGenerator::initialise.
-        """
-        vx, omega = float(np.float32(velocity.vx)), float(np.float32(velocity.omega))
-        return (
-            *reachable_range(vx, self._gain, self._p.min_speed, self._max_speed),
-            *reachable_range(omega, self._turn_gain, -self._max_turn, self._max_turn),
-        )
 
     def _finish(self, here: Pose, estimate: Pose, velocity: Twist) -> Steering:
         """Stop near the goal, then turn to its heading (computeVelocityCommandsStopRotate)."""
@@ -312,8 +318,7 @@ class DwaLocalPlanner(BaseLocalPlanner):
         slow = abs(twist.vx) < self._p.least_speed and abs(twist.omega) < self._p.least_turn
         if slow or twist == STILL:
             return Steering(twist, True)
-        window = twist.vx, twist.vx, twist.omega, twist.omega
-        if self._cheapest(here, estimate, window, _ALL).cost < 0.0:
+        if self._cheapest(here, estimate, twist, _UNCHANGED, _ALL).cost < 0.0:
             return NO_COMMAND
         return Steering(twist, True)
 

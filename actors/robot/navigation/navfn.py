@@ -127,8 +127,12 @@ class NavfnPlanner:
             if nearest is None:
                 return None
             end, last = nearest
-        points = steepest_descent(field, *last, self._p.neutral)[::-1, ::-1] * plan.resolution
-        return np.vstack((np.array(plan.origin) + points, np.array(end)))
+        points = steepest_descent(field, *last, self._p.neutral)[::-1, ::-1]
+        path = np.empty((len(points) + 1, 2))
+        for axis in range(2):  # along the points, which are many
+            path[:-1, axis] = points[:, axis] * plan.resolution + plan.origin[axis]
+        path[-1] = end
+        return path
 
     def _nearest(self, field: Singles, goal: Point) -> tuple[Point, Cell] | None:
         """Return the nearest raster point to the goal in a reached cell, and the cell; None if there is none.

@@ -158,7 +158,7 @@ class OscillationCritic:
         self._angle = angle
         self._least_speed = least_speed
         self._last = [0, 0]  # signs of the last speed and turn rate
-        self._barred = np.zeros(4, np.bool_)
+        self._barred, self._is_barring = np.zeros(4, np.bool_), False
         self._where = Pose(0.0, 0.0, 0.0)
 
     @property
@@ -169,7 +169,7 @@ class OscillationCritic:
     def forget(self) -> None:
         """Allow all directions."""
         self._last = [0, 0]
-        self._barred[:] = False
+        self._barred[:] = self._is_barring = False
 
     def note(self, here: Pose, speed: float, turn: float) -> None:
         """Record a command: `speed`, m/s, and `turn`, rad/s, at `here`, odometry frame."""
@@ -178,7 +178,7 @@ class OscillationCritic:
             reversed_now |= self._reverse(1, turn)
         if reversed_now:
             self._where = here
-        if self._barred.any() and self._away(here):
+        if self._is_barring and self._away(here):
             self.forget()
 
     def _reverse(self, axis: int, value: float) -> bool:
@@ -188,7 +188,7 @@ class OscillationCritic:
             return False
         turned = self._last[axis] == -sign
         if turned:
-            self._barred[2 * axis + (1 if sign > 0 else 0)] = True
+            self._barred[2 * axis + (1 if sign > 0 else 0)] = self._is_barring = True
         self._last[axis] = sign
         return turned
 
