@@ -48,12 +48,9 @@ class Pose(NamedTuple):
         """The position."""
         return new_tuple(Point, self[:2])
 
-    def compose(self, local: "Pose", turn: tuple[float, float] | None = None) -> "Pose":
-        """Transform `local` from this pose's frame to this pose's parent frame.
-
-        `turn`: cosine and sine of this pose's heading, if they are known.
-        """
-        c, s = turn or cos_sin(self.heading)
+    def compose(self, local: "Pose") -> "Pose":
+        """Transform `local` from this pose's frame to this pose's parent frame."""
+        c, s = cos_sin(self.heading)
         x, y, heading = local
         turned = self.heading + heading
         if not -math.pi < turned <= math.pi:

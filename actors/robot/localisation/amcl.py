@@ -15,7 +15,7 @@ from numpy.random import Generator
 
 from actors.array_types import Floats
 from actors.geometry import ORIGIN, Point, Pose, interpolate, wrap
-from actors.portable import arrays, cos_sin
+from actors.portable import arrays
 from actors.portable.draws import normals
 from actors.robot.localisation.confidence import BeamClasses, CovarianceModel, classify_beams
 from actors.robot.localisation.likelihood_field import LikelihoodField
@@ -139,7 +139,7 @@ class Amcl:
         self._spare_poses = np.empty_like(self._poses)
         self._cluster = self._heaviest(histogram(self._poses, self._count))
         pose = self._cluster.pose if start is None else start
-        self._correct(pose, origin)
+        self._correction = pose.frame(origin)
         self._covariance = self._cluster.covariance
 
     def update(self, here: Pose, sweep: Sweep | None) -> Estimate:
@@ -148,7 +148,7 @@ class Amcl:
             self._process(sweep)
         located = self._locator is None
         lost = self._lost.probability if located else 1.0
-        return Estimate(self._correction.compose(here, self._turn), self._covariance, located, lost)
+        return Estimate(self._correction.compose(here), self._covariance, located, lost)
 
     def mask(self, peers: Sequence[Point]) -> None:
         """Ignore beams that end at one of these points from now on, m, map frame."""
@@ -173,11 +173,6 @@ class Amcl:
     def weights(self) -> Floats:
         """(n,): weights with sum 1 at the last used scan; read-only."""
         return _read_only(self._weights[: self._count])
-
-    def _correct(self, pose: Pose, here: Pose) -> None:
-        """Set the estimate at the odometry pose `here`."""
-        self._correction = pose.frame(here)
-        self._turn = cos_sin(self._correction.heading)
 
     def _scatter(self, start: Pose | None, drift: float = 0.0) -> Floats:
         """Return particles around the start, spread wider by `drift`, m and rad, or everywhere: (3, n)."""
@@ -219,7 +214,7 @@ class Amcl:
         fit = self._weigh(beam_classes)
         found = histogram(self._poses, self._count)
         self._cluster = self._heaviest(found)
-        self._correct(self._cluster.pose, sweep.pose)
+        self._correction = self._cluster.pose.frame(sweep.pose)
         self._filter_counts.updates += 1
         self._filter_counts.particles += self._count
         if len(beam_classes.known):
@@ -270,7 +265,7 @@ class Amcl:
         self._poses[2] = _wrapped(self._poses[2])
         self._restart(self._poses)
         self._cluster = self._heaviest(histogram(self._poses, self._count))
-        self._correct(pose, here)
+        self._correction = pose.frame(here)
 
     def _draw_first(self, here: Pose) -> None:
         """Draw the particles at the first scan, moved from the start by odometry."""

@@ -106,29 +106,22 @@ def mark_and_clear(marks: Octets, ranges_mm: UInt16s, rays: Rays, eye: Floats, b
     """
     directions, limits = rays.directions, rays.limits
     c, s = cos_sin(eye[2])
-    rows, columns = marks.shape
-    # in variables, since the processor would read them again after each mark
-    per_mm, farthest, eye_x, eye_y = limits[0], limits[1], eye[0], eye[1]
     for k in range(ranges_mm.size):
-        apart = ranges_mm[k] * per_mm
-        if ranges_mm[k] == NO_ECHO_MM or apart >= farthest:
+        apart = ranges_mm[k] * limits[0]
+        if ranges_mm[k] == NO_ECHO_MM or apart >= limits[1]:
             continue
-        x = eye_x + apart * (c * directions[k, 0] - s * directions[k, 1])
-        y = eye_y + apart * (s * directions[k, 0] + c * directions[k, 1])
-        if 0.0 <= x < columns and 0.0 <= y < rows:
-            marks[int(y), int(x)] = _ENDED
-    cells, width = marks.ravel(), np.uint32(columns)
-    words = cells[: cells.size // 8 * 8].view(np.uint64)
-    for word in range(words.size + 1):
-        if word < words.size and words[word] == 0:  # eight cells without a mark
-            continue
-        for cell in range(8 * word, min(8 * word + 8, cells.size)):
-            if cells[cell] == _ENDED:  # stays marked even if other rays pass
-                cells[cell] = 1
-            elif cells[cell]:
-                x, y = np.uint32(cell) % width + 0.5 - eye_x, np.uint32(cell) // width + 0.5 - eye_y
+        column = math.floor(eye[0] + apart * (c * directions[k, 0] - s * directions[k, 1]))
+        row = math.floor(eye[1] + apart * (s * directions[k, 0] + c * directions[k, 1]))
+        if 0 <= row < marks.shape[0] and 0 <= column < marks.shape[1]:
+            marks[row, column] = _ENDED
+    for row in range(marks.shape[0]):
+        for column in range(marks.shape[1]):
+            if marks[row, column] == _ENDED:  # stays marked even if other rays pass
+                marks[row, column] = 1
+            elif marks[row, column]:
+                x, y = column + 0.5 - eye[0], row + 0.5 - eye[1]
                 if _is_passed(x, y, ranges_mm, rays, c, s, eye[2]):
-                    cells[cell] = 0
+                    marks[row, column] = 0
     _write_below(marks, 0, body, body[2] - HALF_DIAGONAL)
 
 
