@@ -44,8 +44,6 @@ from deploy.run.plan import RunPlan, radio_program, robot_program, shared_argume
 from deploy.run.plan import world_program as world_as_program
 
 _TICK_S: Final = 0.25
-_STEPS_PER_WRITE: Final = 5
-"""Records that are packed together stay in the processor's caches."""
 
 
 def _say(sentence: str) -> None:
@@ -235,9 +233,7 @@ class MemorySwarm:
 
     def _add(self, program: Program, process: ActorProcess) -> None:
         assert program.record is not None
-        recorder = self._stack.enter_context(
-            Recorder(program.record, process.run.step_us, steps_per_write=_STEPS_PER_WRITE)
-        )
+        recorder = self._stack.enter_context(Recorder(program.record, process.run.step_us))
         recorder.note("run", process.run)
         shell = Shell(
             process.core,

@@ -40,23 +40,6 @@ def test_background_recorder_writes_the_same_file(tmp_path: Path) -> None:
     assert (tmp_path / "later.mcap").read_bytes() == (tmp_path / "waits.mcap").read_bytes()
 
 
-def test_steps_written_together_give_the_same_file(tmp_path: Path) -> None:
-    path = tmp_path / "together.mcap"
-    fill(Recorder(tmp_path / "singly.mcap", 100_000))
-    fill(Recorder(path, 100_000, steps_per_write=7))
-    assert path.read_bytes() == (tmp_path / "singly.mcap").read_bytes()
-    with Recorder(tmp_path / "open.mcap", 100_000, steps_per_write=7) as recorder:
-        sizes = [step_size(recorder, step) for step in range(14)]
-    assert len(set(sizes[:6])) == len(set(sizes[6:13])) == 1 and sizes[5] < sizes[6] < sizes[13]
-
-
-def step_size(recorder: Recorder, step: int) -> int:
-    """Return the size of the file after a step."""
-    recorder.received("swarm/a", step, step, b"payload")
-    recorder.flush()
-    return recorder.path.stat().st_size
-
-
 def test_slow_disk_does_not_block_and_full_disk_is_reported(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:

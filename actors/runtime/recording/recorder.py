@@ -132,13 +132,8 @@ class Journal(Protocol):
 class Recorder:
     """Writes one process's recording, a new file. Raises RecordingError if it cannot be created."""
 
-    def __init__(
-        self, path: Path, step_us: int, descriptor: int | None = None, *, steps_per_write: int = 1
-    ) -> None:
-        """`descriptor`: of the new file, if it is already open.
-
-        `steps_per_write`: a crash may lose the records of this many steps, less one.
-        """
+    def __init__(self, path: Path, step_us: int, descriptor: int | None = None) -> None:
+        """`descriptor`: of the new file, if it is already open."""
         self.path = path
         file = _create(path) if descriptor is None else FileIO(descriptor, "wb")
         self._stream = _ChecksummedFile(file, path)
@@ -159,9 +154,6 @@ class Recorder:
         self._packer = MessagePacker()
         self._noted: list[_PendingMessage] = []
         """Messages to be written: at most io.DEFAULT_BUFFER_SIZE bytes, and one message."""
-        self._waiting_steps: list[list[_PendingMessage]] = []
-        """Messages of earlier steps, each of which will be sealed."""
-        self._steps_per_write = steps_per_write
         self._noted_size = 0
         """Their size, bytes."""
         self._step_ns = step_us * 1000
@@ -218,27 +210,16 @@ class Recorder:
 
     def flush(self) -> None:
         """Seal all data, and write it to the file."""
-        if len(self._waiting_steps) + 1 < self._steps_per_write:
-            self._waiting_steps.append(self._noted)
-            self._noted = []
-            return
         self._seal()
         self._stream.hand_over()
 
     def _write_noted(self) -> None:
-        """Write all waiting messages."""
-        while self._waiting_steps:
-            self._write_messages(self._waiting_steps.pop(0))
-            self._append_seal()
-        noted, self._noted, self._noted_size = self._noted, [], 0
-        self._write_messages(noted)
-
-    def _write_messages(self, noted: list[_PendingMessage]) -> None:
-        """Write messages at once, in the library's format but without its five calls per field.
+        """Write all waiting messages at once, in the library's format but without its five calls per field.
 
         The most expensive part of a step. (MCAP specification, "Message (op=0x05)") A full disk can fail only
         the last statement: then all data is kept and retried.
         """
+        noted, self._noted, self._noted_size = self._noted, [], 0
         parts: list[bytes] = []
         written = counted = 0
         for direction, key, step, sequence, payload, size, sha256, packed in noted:
@@ -266,7 +247,7 @@ class Recorder:
             self._last = step
         self._stream.take(parts, written, counted)
         if self._stream.unsealed > UNSEALED:
-            self._append_seal()
+            self._seal()
         if self._stream.unsummed > io.DEFAULT_BUFFER_SIZE:
             self._stream.hand_over()
 
@@ -290,12 +271,8 @@ class Recorder:
 
     def _seal(self) -> None:
         """Write a seal over all data so far."""
-        if self._noted or self._waiting_steps:
+        if self._noted:
             self._write_noted()
-        self._append_seal()
-
-    def _append_seal(self) -> None:
-        """Append a seal over the data in the stream."""
         last = self._last
         instant = last * self._step_ns if last > 0 else 0
         seal = SEALED.pack(_MESSAGE, _SEAL_LENGTH, self._seals, self._sealed, instant, instant, last)
