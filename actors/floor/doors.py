@@ -56,8 +56,9 @@ def regions(grid: OccupancyGrid, passable: Flags, clearance: Floats, room: float
             doors.append(Door(len(doors), grid.centre(Cell(row, column)), adjacent))
             numbers.append(-len(doors))
             continue
-        count += not adjacent
-        numbers.append((*adjacent, count)[0])
+        if not adjacent:
+            count += 1
+        numbers.append(adjacent[0] if adjacent else count)
     numbered = labels + np.array(numbers, np.int32)[narrow]
     numbered = np.where(numbered < 0, count - numbered, numbered).astype(np.int32)
     numbered.setflags(write=False)

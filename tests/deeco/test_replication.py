@@ -78,6 +78,14 @@ def test_the_newest_version_wins_in_any_order() -> None:
     assert counts(node) == {}, "an old version stays old after its replica was dropped"
 
 
+def test_updates_follow_all_packets_of_their_frame_and_precede_the_next_frame() -> None:
+    both = Node([Counter(id="a"), Counter(id="b")], address=1).advance(Instant(1))
+    received = [Reception(Instant(0), 1, frame, None) for frame in (both[0].data, *publications(1, name="c"))]
+    node, known = listener(), list[set[str]]()
+    node._network.take(received, lambda before, after: known.append(set(counts(node))))
+    assert len(both) == 1 and known == [{"a", "b"}, {"a", "b"}, {"a", "b", "c"}]
+
+
 def test_a_restarted_node_is_accepted_again() -> None:
     node = listener()
     hear(node, *publications(5))

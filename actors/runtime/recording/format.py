@@ -53,6 +53,7 @@ DEFLATED: Final = "acrc-msgpack-deflate"
 COMPUTED: Final = "acrc-msgpack-deflate-computed"
 """A message as part of a second deflate stream, for recorded-only messages."""
 STREAMED: Final = (DEFLATED, COMPUTED)
+"""Encodings that require the earlier messages of their stream."""
 HASHED: Final = "sha256"
 SEALS: Final = "acrc-seal"
 
