@@ -243,7 +243,7 @@ def _time_limit(use: str) -> Iterator[None]:
         raise MetricTimeout
 
     before = signal.signal(signal.SIGALRM, expire)
-    signal.setitimer(signal.ITIMER_REAL, TIME_LIMIT_S)
+    signal.setitimer(signal.ITIMER_REAL, TIME_LIMIT_S, TIME_LIMIT_S)  # again: another thread may take it
     try:
         yield
     except MetricTimeout:
