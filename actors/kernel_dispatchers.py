@@ -11,10 +11,11 @@ from typing import Any, Final
 import llvmlite.binding as llvm
 import numba
 from numba import types
+from numba.core import entrypoints
 from numba.core.caching import CompileResultCacheImpl, FunctionCache, _CacheLocator
 from numba.core.compiler import CompileResult, compile_result
 from numba.core.environment import Environment, lookup_environment
-from numba.core.runtime import rtsys
+from numba.core.runtime import _nrt_python
 from numba.core.serialize import dumps
 from numba.extending import typeof_impl
 from numba.misc.appdirs import AppDirs
@@ -34,6 +35,7 @@ from actors.portable import extensions
 _PART: Final = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True}
 """Options of a kernel called by another kernel: no wrappers for Python and C, which unpack arguments."""
 extensions.register()
+entrypoints._already_initialized = True  # kernels use no extensions of installed packages
 
 
 def dispatcher(kernel: Kernel) -> Any:
@@ -105,7 +107,7 @@ class _ObjectImpl(_Impl):
 
     def rebuild(self, target_context: Any, payload: Any) -> CompileResult:
         code, fndesc, environment, signature, environments = payload
-        rtsys.initialize(target_context)
+        _add_runtime_symbols()
         library = _ObjectLoader(target_context.codegen(), code)
         entry_point = target_context.get_executable(library, fndesc, environment)
         kept = tuple(_environment(*one) for one in environments)
@@ -116,6 +118,13 @@ class _ObjectImpl(_Impl):
             environment=environment, entry_point=entry_point, fndesc=fndesc, signature=signature,
             lifted=(), objectmode=False, referenced_envs=kept,  # the code has their addresses only
         )  # fmt: skip
+
+
+@remembered
+def _add_runtime_symbols() -> None:
+    """Make the C functions of numba's runtime known to LLVM; only new code needs the rest of the runtime."""
+    for name, address in _nrt_python.c_helpers.items():
+        llvm.add_symbol(name if name.startswith("_") else f"NRT_{name}", address)
 
 
 def _environment(name: str, module: str, constants: list[Any]) -> Environment:

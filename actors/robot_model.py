@@ -1,6 +1,7 @@
 """Robot models: body, drive and sensors of a robot, from a TOML file."""
 
 import math
+from functools import lru_cache
 from importlib import resources
 from itertools import pairwise
 from pathlib import Path
@@ -369,13 +370,18 @@ def load_model(name_or_path: str, sensor: str | None = None) -> RobotModel:
     Raises AcrcError.
     """
     name, text = _read(name_or_path)
-    model = settings.parse(text, RobotModel, name)
+    model = _parsed(text, name)
     mounted = model.default_sensor if sensor is None else sensor
     if mounted not in model.sensors:
         asked = "default_sensor" if sensor is None else "the sensor"
         right = wording.one_of(sorted(model.sensors))
         raise AcrcError(f"{name}: {asked} is {wording.toml_text(mounted)}, but must be {right}")
     return msgspec.structs.replace(model, default_sensor=mounted)
+
+
+@lru_cache(8)  # robots of a run have few models, and parsing takes a fifth of a robot's creation
+def _parsed(text: str, name: str) -> RobotModel:
+    return settings.parse(text, RobotModel, name)
 
 
 def _read(name_or_path: str) -> tuple[str, str]:

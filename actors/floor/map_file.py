@@ -6,6 +6,7 @@ import math
 import os
 import warnings
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from pathlib import Path, PureWindowsPath
 from typing import Final
 from weakref import WeakKeyDictionary
@@ -110,15 +111,19 @@ def read_header(path: Path, max_bytes: int = YAML_BYTES) -> MapHeader:
     )
 
 
+@lru_cache(8)  # for the robots of a run
+def _document(content: bytes) -> yaml.Node | None:
+    content = content.replace(b"\t", b" ")
+    try:
+        return next(yaml.compose_all(content, Loader=yaml.BaseLoader), None)
+    except yaml.reader.ReaderError:  # Latin-1 comments of old editors
+        return next(yaml.compose_all(content.decode("latin-1"), Loader=yaml.BaseLoader), None)
+
+
 def _fields(path: Path, max_bytes: int) -> tuple[dict[str, str | list[str]], list[str]]:
     """Return the values of known keys, with defaults, and the names of other keys."""
     try:
-        content = regular_file.read_bytes(path, max_bytes).replace(b"\t", b" ")
-        try:
-            document = next(yaml.compose_all(content, Loader=yaml.BaseLoader), None)
-        except yaml.reader.ReaderError:  # Latin-1 comments of old editors
-            text = content.decode("latin-1")
-            document = next(yaml.compose_all(text, Loader=yaml.BaseLoader), None)
+        document = _document(regular_file.read_bytes(path, max_bytes))
     except OSError as error:
         raise MapError(f"{path}: the map cannot be read: {error.strerror}.") from error
     except (yaml.YAMLError, ValueError, RecursionError) as error:

@@ -28,6 +28,7 @@ import msgspec
 from actors.processes.sandboxed_process import EntryPoint, ProcessStart, continue_sandboxed
 from actors.runtime import process_table
 from actors.runtime.errors import AcrcError
+from actors.runtime.isolation.mounts import survey
 from actors.runtime.isolation.sandbox import MESSAGE_LIMIT
 from actors.runtime.linux import (
     PR_SET_CHILD_SUBREAPER,
@@ -346,6 +347,7 @@ def main(argv: Sequence[str]) -> int:
         _set_title("forkserver")
         gc.disable()  # imported objects live forever
         importlib.import_module("actors.processes.preload")
+        survey()
         gc.enable()
     server = ForkServer(channel, forks=forks, reaps=orphan_mode == "reap")
     if sys.platform == "linux":

@@ -42,6 +42,9 @@ _SWARM_FOLDERS: Final = tuple(
     _PROJECT / name for name in ("acrc_testbed", "deploy", "scenarios", "fleets", "runs")
 )
 """Project folders about whole swarms and runs, not single robots."""
+_NOT_CODE: Final = (*SCRATCH, Path("/proc"), Path("/sys"), Path("/dev"))
+_surveyed: Final[dict[Path, tuple[Path, ...]]] = {}
+"""Entries of folders with code, as if there were no run; see `survey`."""
 
 
 class FileView(NamedTuple):
@@ -64,14 +67,30 @@ def file_view(
     completely, also below a hidden folder. `code`: code folders besides those on Python's path.
     """
     installed = [Path(prefix) for prefix in dict.fromkeys((sys.prefix, sys.base_prefix))]
-    folders = (*(Path(path).absolute() for path in sys.path if path), *code, _PROJECT)
-    known = (*installed, *SYSTEM)
-    excluded = (*hidden_paths(hidden), *SCRATCH, *map(Path, ("/proc", "/sys", "/dev")))
-    entries = (code_entries(folder, excluded) for folder in folders if not _is_under(folder, known))
+    excluded = (*hidden_paths(hidden), *_NOT_CODE)
+    entries = (code_entries(folder, excluded) for folder in _code_folders(code))
     shown_entries = (*installed, *readable, *(path for found in entries for path in found))
     return FileView(
         own, _path_variants(own), {place: path for path in shown_entries for place in _path_variants(path)}
     )
+
+
+def _code_folders(code: Collection[Path] = ()) -> Iterator[Path]:
+    """Yield folders on Python's path and `code`, without those of the system and of Python's installation."""
+    known = (*map(Path, (sys.prefix, sys.base_prefix)), *SYSTEM)
+    for folder in (*(Path(path).absolute() for path in sys.path if path), *code, _PROJECT):
+        if not _is_under(folder, known):
+            yield folder
+
+
+def survey() -> None:
+    """Search the folders on Python's path once, for this process and its forks.
+
+    A search takes longer than the rest of a robot's sandbox. Call it before a run's folder exists, as forks
+    have all names in their memory.
+    """
+    excluded = (*hidden_paths(()), *_NOT_CODE)
+    _surveyed.update({folder: tuple(_entries(folder, excluded, _DEPTH)) for folder in _code_folders()})
 
 
 def hidden_paths(hidden: Collection[Path]) -> tuple[Path, ...]:
@@ -94,7 +113,14 @@ def code_entries(folder: Path, hidden: Sequence[Path]) -> Iterator[Path]:
         return
     if os.path.isfile(folder):  # noqa: PTH113 — Path.is_file raises where access is denied
         yield folder
-    yield from _entries(folder, hidden, _DEPTH)
+    if folder not in _surveyed:
+        yield from _entries(folder, hidden, _DEPTH)
+        return
+    for path in _surveyed[folder]:
+        if not _contains(path, hidden):
+            yield path
+        elif path not in hidden:
+            yield from _entries(path, hidden, _DEPTH - len(path.relative_to(folder).parts))
 
 
 def _entries(folder: Path, hidden: Sequence[Path], depth: int) -> Iterator[Path]:
@@ -106,7 +132,7 @@ def _entries(folder: Path, hidden: Sequence[Path], depth: int) -> Iterator[Path]
             yield path
         elif not any(_listed(path)) or _is_run(path):
             continue
-        elif any(one.is_relative_to(path) for one in hidden) or _holds_run(path, depth - 1):
+        elif _contains(path, hidden) or _holds_run(path, depth - 1):
             yield from _entries(path, hidden, depth - 1)
         else:
             yield path
@@ -142,7 +168,17 @@ def _is_subfolder(entry: os.DirEntry[str]) -> bool:
 
 
 def _is_under(path: Path, folders: Iterable[Path]) -> bool:
-    return any(path.is_relative_to(folder) for folder in folders)
+    return _prefix(path).startswith(tuple(map(_prefix, folders)))
+
+
+def _contains(folder: Path, paths: Iterable[Path]) -> bool:
+    prefix = _prefix(folder)
+    return any(_prefix(path).startswith(prefix) for path in paths)
+
+
+def _prefix(folder: Path) -> str:
+    """Return the beginning of all paths in a folder, with that of the folder itself; pathlib is slower."""
+    return os.path.join(folder, "")  # noqa: PTH118
 
 
 def _path_variants(path: Path) -> tuple[Path, ...]:
