@@ -84,8 +84,10 @@ def _cast_ray(squares: Octets, line: Ray, reach: float) -> float:
 
 _MARGIN: Final = 1e-3
 """Distance from the lines between cells, cells, within which `_cast_fan` does not cast."""
-_UNSURE: Final = 1e-4
-"""Angle between a ray and a corner, in increments, within which the traversal decides what the ray hits."""
+_UNSURE: Final = 1e-6
+"""Angle between a ray and a corner, rad, within which the traversal decides what the ray hits."""
+_ROUNDING: Final = 1e-9
+"""More than the rounding error of the distance to a body, m."""
 
 
 @njit(error_model="numpy")  # type: ignore[untyped-decorator]
@@ -120,8 +122,7 @@ def cast_fan(
             along = directions[axis, k]
             per[axis, k] = 1 / along if along != 0 else 1e300
     distances[:] = math.inf
-    for face in near[:found]:
-        _shorten(faces[:, face], x, y, bearing, increment, per, distances)
+    _shorten(faces, near[:found], x, y, bearing, increment, per, distances)
     for k in range(distances.size):
         if distances[k] < 0:
             line = ray(x, y, directions[0, k], directions[1, k])
@@ -149,33 +150,63 @@ def _faces_near(faces: Floats, bounds: Int64s, x: float, y: float, reach: float,
 
 @kernel
 def _shorten(
-    face: Floats, x: float, y: float, bearing: float, increment: float, per: Floats, distances: Floats
+    faces: Floats,
+    near: Int64s,
+    x: float,
+    y: float,
+    bearing: float,
+    increment: float,
+    per: Floats,
+    distances: Floats,
 ) -> None:
-    """Shorten the distances of rays that hit a face, (4,); negative: near one of its ends.
+    """Shorten the distances of rays that hit the faces `near`; negative: near an end of one.
 
     per (2, rays): distance along each ray per unit of x and of y.
     """
-    side, turn = int(face[3]), 2 * math.pi / increment
-    if side < 2:
-        ahead, begin, end = face[0] - y, face[1] - x, face[2] - x
-        low, high = bearing_to(begin, ahead, bearing, 0.0), bearing_to(end, ahead, bearing, 0.0)
-    else:
-        ahead, begin, end = face[0] - x, face[1] - y, face[2] - y
-        low, high = bearing_to(ahead, begin, bearing, 0.0), bearing_to(ahead, end, bearing, 0.0)
-    if side in (0, 3):
-        low, high = high, low
-    low, high = low / increment, high / increment
-    if high < low:
-        high += turn
-    rays = per[0 if side > 1 else 1]
-    for _ in range(2):
-        for k in range(max(math.ceil(low), 0), min(math.floor(high) + 1, distances.size)):
-            distances[k] = min(distances[k], ahead * rays[k])
-        for edge in (low, high):
-            k = math.floor(edge + 0.5)
-            if 0 <= k < distances.size and abs(edge - k) < _UNSURE:
-                distances[k] = -1.0
-        low, high = low - turn, high - turn
+    ends = np.empty((2, 2, near.size))
+    for k in range(near.size):
+        line, begin, end, side = faces[0, near[k]], faces[1, near[k]], faces[2, near[k]], faces[3, near[k]]
+        across, first = (0, 1) if side in (0, 3) else (1, 0)  # counter-clockwise
+        along = 1 if side > 1 else 0
+        ends[first, along, k], ends[across, along, k] = begin - (y if along else x), end - (y if along else x)
+        ends[0, 1 - along, k] = ends[1, 1 - along, k] = line - (x if along else y)
+    turn, margin = 2 * math.pi / increment, _UNSURE / increment
+    places = np.empty((2, near.size))
+    for end in range(2):
+        for k in range(near.size):
+            place = (_rough_atan2(ends[end, 1, k], ends[end, 0, k]) - bearing) / increment
+            places[end, k] = place - turn * math.floor(place / turn)
+    for k in range(near.size):
+        along = 0 if faces[3, near[k]] > 1 else 1
+        ahead, rays = ends[0, along, k], per[along]
+        low, high = places[0, k], places[1, k]
+        if high < low:
+            high += turn
+        for _ in range(2):
+            for ray_k in range(max(math.ceil(low), 0), min(math.floor(high) + 1, distances.size)):
+                distances[ray_k] = min(distances[ray_k], ahead * rays[ray_k])
+            for edge in (low, high):
+                nearest = math.floor(edge + 0.5)
+                if 0 <= nearest < distances.size and abs(edge - nearest) < margin:
+                    distances[nearest] = -1.0
+            low, high = low - turn, high - turn
+
+
+@kernel
+def _rough_atan2(y: float, x: float) -> float:
+    """Return atan2 with an error below 3e-8 rad, without branches, so that loops over it are vectorised.
+
+    Abramowitz and Stegun, "Handbook of Mathematical Functions", 4.4.49.
+    """
+    high, wide = abs(y), abs(x)
+    ratio = min(high, wide) / max(high, wide)
+    z = ratio * ratio
+    even = 0.0429096138 + z * (-0.0161657367 + z * 0.0028662257)
+    even = -0.1420889944 + z * (0.1065626393 + z * (-0.0752896400 + z * even))
+    angle = ratio + ratio * (z * (-0.3333314528 + z * (0.1999355085 + z * even)))
+    angle = math.pi / 2 - angle if high > wide else angle
+    angle = math.pi - angle if x < 0 else angle
+    return -angle if y < 0 else angle
 
 
 @kernel
@@ -226,10 +257,13 @@ def _occlude(
     apart = hypot(x, y)
     if apart - radius > sensor.range_max:
         return
+    nearest = apart - radius - _ROUNDING
     bearing, half = bearing_to(x, y, heading, sensor.first_angle), half_width(apart, radius)
     for turn in range(-1, 2):
         begin, end = window(bearing, half, turn, sensor.increment, sensor.rays)
         for k in range(begin, end):
+            if ranges[k] < nearest:
+                continue
             dx, dy = directions[0, k], directions[1, k]
             found = _to_polygon(ring, dx, dy) if ring.shape[0] else _to_disc(x, y, radius, dx, dy)
             ranges[k] = min(ranges[k], found)
