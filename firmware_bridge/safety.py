@@ -1,7 +1,8 @@
-"""Safety stop of a differential base: limits each commanded velocity, and reports the causes.
+"""Safety stop of a differential base, and the common part of the bases' drivers.
 
-It limits every command before it is sent; no adaptation, setting or message bypasses it. A Kobuki's firmware
-does not stop for bumper, cliff or wheel drop since 1.1.2.
+The stop limits each commanded velocity, and reports the causes. It limits every command before it is sent; no
+adaptation, setting or message bypasses it. A Kobuki's firmware does not stop for bumper, cliff or wheel drop
+since 1.1.2.
 
 Rules while a cause lasts:
 - bumper or cliff: no wheel turns forward; backing off is allowed, also in arcs;
@@ -16,12 +17,14 @@ A stop is immediate, without a ramp; afterwards the base accelerates from stands
 """
 
 import math
+from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from enum import Enum
 from typing import Final, NamedTuple
 
 from actors.instant import Instant, in_seconds, milliseconds
 from firmware_bridge.base_feedback import DriveFeedback, DriveLimits, HazardState
+from firmware_bridge.wheel_odometry import WheelOdometry
 
 _COMMAND_AGE: Final = milliseconds(200)
 """Maximum age of a command; two steps."""
@@ -264,3 +267,117 @@ class SafetyStop:
             bound = -v / (self._limits.track / 2 + _RADIUS_MARGIN)
             omega = max(-bound, min(bound, omega))
         return v, omega
+
+
+class BatteryLevel(Enum):
+    """Charge level of the battery."""
+
+    FULL = "full"
+    FAIR = "fair"
+    LOW = "low"
+    DANGER = "danger"
+
+
+class BatteryLimits(NamedTuple):
+    """Limits of a battery's levels, as voltages or charges."""
+
+    low: float
+    danger: float
+    margin: float
+    """Hysteresis of all limits."""
+    full: float = math.inf
+
+
+def battery_level(value: float, before: BatteryLevel | None, limits: BatteryLimits) -> BatteryLevel:
+    """Return the level of a battery's voltage or charge, with hysteresis; `before`: the previous level."""
+    if value <= limits.danger + limits.margin * (before is BatteryLevel.DANGER):
+        return BatteryLevel.DANGER
+    if value <= limits.low + limits.margin * (before in {BatteryLevel.LOW, BatteryLevel.DANGER}):
+        return BatteryLevel.LOW
+    if value >= limits.full - limits.margin * (before is BatteryLevel.FULL):
+        return BatteryLevel.FULL
+    return BatteryLevel.FAIR
+
+
+class StateChange(NamedTuple):
+    """Change of a base's state: feedback present, a feedback field, battery level, or active stop causes."""
+
+    instant: Instant
+    what: str
+    before: object
+    """Previous value; 0 before the first feedback."""
+    now: object
+
+    def __str__(self) -> str:
+        return f"{self.what}: {self.before} -> {self.now}"
+
+
+MAX_COMMAND_INTERVAL: Final = milliseconds(40)
+"""Maximum interval of commands to a base without feedback; own choice, two feedbacks of a Kobuki."""
+
+
+class BaseDriver(ABC):
+    """Common part of the drivers of differential bases, without I/O."""
+
+    _FEEDBACK = "feedback"
+    """Name of the feedback in reported changes."""
+
+    def __init__(self, started: Instant, limits: DriveLimits) -> None:
+        self.limits = limits
+        self.odometry = WheelOdometry(limits)
+        self.found = False
+        """True while feedback is received."""
+        self.battery: BatteryLevel | None = None
+        """Battery level; None: unknown."""
+        self.allowed = AllowedMotion(0.0, 0.0, ())
+        """Last result of the safety stop."""
+        self._safety = SafetyStop(started, limits)
+        self._feedback_at = started
+        self._has_new_feedback = False
+        """True if feedback has been received since the last command to the base."""
+        self._sent_at = Instant(started - MAX_COMMAND_INTERVAL)
+        self._pressed_bits = 0
+        self._changes: list[StateChange] = []
+
+    @abstractmethod
+    def pressed(self) -> int:
+        """Return the bumper bits set at any time since the last call, as in SensorData.bumper."""
+
+    def changes(self) -> list[StateChange]:
+        """Return changes since the last call."""
+        changes, self._changes = self._changes, []
+        return changes
+
+    def command(self, now: Instant, v: float, omega: float, issued: Instant | None = None) -> None:
+        """Command `v` m/s forward and `omega` rad/s counter-clockwise, subject to the safety stop.
+
+        `issued`: time of the decision; None: now.
+        """
+        self._safety.command(now, now if issued is None else issued, v, omega)
+
+    def hold(self, cause: HoldCause, holds: bool) -> None:
+        """Set or clear an external cause that prevents all motion."""
+        self._safety.hold(cause, holds)
+
+    def _update_allowed(self, now: Instant) -> None:
+        before, self.allowed = self.allowed, self._safety.allowed(now)
+        if self.allowed.stops != before.stops:
+            self._changes.append(StateChange(now, "stops", before.stops, self.allowed.stops))
+
+    def _set_found(self, now: Instant, found: bool) -> None:
+        self._changes.append(StateChange(now, self._FEEDBACK, self.found, found))
+        self.found = found
+
+    def _check_silence(self, now: Instant) -> None:
+        if self.found and now - self._feedback_at > self.limits.silence:
+            self._set_found(now, False)
+            self.odometry.set_standing()
+
+    def _set_battery(self, now: Instant, level: BatteryLevel | None) -> bool:
+        """Store a level, and stop with a nearly empty battery; return whether the level has changed."""
+        before, self.battery = self.battery, level
+        if level is before:
+            return False
+        self._changes.append(StateChange(now, "battery", before, level))
+        self.hold(HoldCause.BATTERY, level is BatteryLevel.DANGER)
+        return True

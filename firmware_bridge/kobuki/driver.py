@@ -5,8 +5,7 @@ bytes returned by `due`. One base control is sent per feedback, 50 per second, a
 accepts 150 per second, but not 200 (yujinrobot/kobuki, issue 140).
 """
 
-from enum import Enum
-from typing import Final, NamedTuple
+from typing import Final
 
 from actors.instant import Duration, Instant, milliseconds
 from firmware_bridge.kobuki import kobuki_motion
@@ -26,48 +25,18 @@ from firmware_bridge.kobuki.kobuki_packets import (
     encode_command,
     encode_frame,
 )
-from firmware_bridge.safety import AllowedMotion, HoldCause, SafetyStop
-from firmware_bridge.wheel_odometry import WheelOdometry
-
-
-class BatteryLevel(Enum):
-    """Charge level of the battery."""
-
-    FULL = "full"
-    FAIR = "fair"
-    LOW = "low"
-    DANGER = "danger"
-
-
-def battery_level(volts: float, before: BatteryLevel | None = None) -> BatteryLevel:
-    """Return the level of a battery at `volts`, with hysteresis; `before`: the previous level."""
-    if volts <= _DANGER_V + _MARGIN_V * (before is BatteryLevel.DANGER):
-        return BatteryLevel.DANGER
-    low = before in {BatteryLevel.LOW, BatteryLevel.DANGER}
-    if volts <= _LOW_V + _MARGIN_V * low:
-        return BatteryLevel.LOW
-    if volts >= _FULL_V - _MARGIN_V * (before is BatteryLevel.FULL):
-        return BatteryLevel.FULL
-    return BatteryLevel.FAIR
-
-
-class StateChange(NamedTuple):
-    """Change of a base's state: feedback present, a feedback field, battery level, or active stop causes."""
-
-    instant: Instant
-    what: str
-    before: object
-    """Previous value; 0 before the first feedback."""
-    now: object
-
-    def __str__(self) -> str:
-        return f"{self.what}: {self.before} -> {self.now}"
-
+from firmware_bridge.safety import (
+    MAX_COMMAND_INTERVAL,
+    BaseDriver,
+    BatteryLevel,
+    BatteryLimits,
+    HoldCause,
+    StateChange,
+    battery_level,
+)
 
 _FIELDS: Final = ("bumper", "wheel_drop", "cliff", "buttons", "charger", "overcurrent")
 """Fields of BasicSensorData with reported changes."""
-_MAX_CONTROL_INTERVAL: Final = milliseconds(40)
-"""Maximum interval of base controls without feedback; our choice, two feedbacks."""
 _STOP_INTERVAL: Final = milliseconds(7)
 """Interval of stop commands while the wheels still turn; a base accepts 150 per second."""
 _NOISY_STOP_INTERVAL: Final = milliseconds(1)
@@ -77,45 +46,30 @@ _MAX_STOPS_PER_WRITE: Final = 20
 """Maximum number of stop commands per write, 200 bytes."""
 _REPEAT: Final = milliseconds(1000)
 """Interval at which outputs are repeated, because commands are not acknowledged."""
-_FULL_V, _LOW_V, _DANGER_V = 16.5, 14.0, 13.2
-"""Voltages of a battery of four lithium-ion cells: full, low, and shortly before the base switches off;
-kobuki_driver, battery defaults."""
-_MARGIN_V: Final = 0.3
-"""Hysteresis of the levels; our choice: motors lower the voltage."""
+_VOLTAGES: Final = BatteryLimits(full=16.5, low=14.0, danger=13.2, margin=0.3)
+"""Voltages of a battery of four lithium-ion cells: full, low, and shortly before the base switches off
+(kobuki_driver, battery defaults); hysteresis: our choice, as motors lower the voltage."""
 _NOISE_BYTES: Final = 100
 """Number of damaged bytes without feedback that indicates a noisy line; our choice: more than a frame."""
 
 
-class KobukiDriver:
+class KobukiDriver(BaseDriver):
     """Driver of one base."""
 
     def __init__(self, started: Instant) -> None:
+        super().__init__(started, KOBUKI_LIMITS)
         self._reader = FrameReader(decode_feedback)
         self.reception = self._reader.reception
         """Counts of received frames and noise bytes."""
-        self._safety = SafetyStop(started, KOBUKI_LIMITS)
-        self._feedback_at: Instant = started
-        self._sent_at: Instant = Instant(started - _MAX_CONTROL_INTERVAL)
-        self._has_new_feedback = False
-        """True if feedback has been received since the last base control."""
         self._outputs = POWER_RAILS
         self._outputs_due = started
         self._skipped_before = 0
         """Number of damaged bytes up to the last feedback."""
         self._sound = b""
         """Pending sound command."""
-        self._pressed_bits = 0
-        self._changes: list[StateChange] = []
         self._fields = dict.fromkeys(_FIELDS, 0)
-        self.battery: BatteryLevel | None = None
-        """Battery level; None before the first feedback."""
         self.volts: float | None = None
         """Battery voltage; None before the first feedback."""
-        self.odometry = WheelOdometry(KOBUKI_LIMITS)
-        self.found = False
-        """True while feedback is received."""
-        self.allowed = AllowedMotion(0.0, 0.0, ())
-        """Last result of the safety stop."""
 
     # --- from the base ---
 
@@ -128,17 +82,9 @@ class KobukiDriver:
             if basic is not None:
                 feedbacks.append(BaseFeedback(now, basic, inertial))
                 self._feedback(feedbacks[-1])
-        if self.found and now - self._feedback_at > KOBUKI_LIMITS.silence:
-            self.found = False
-            self.odometry.set_standing()
-            self._changes.append(StateChange(now, "feedback", True, False))
-        self._safety.hold(HoldCause.NOISE, self._is_noisy(now))
+        self._check_silence(now)
+        self.hold(HoldCause.NOISE, self._is_noisy(now))
         return feedbacks
-
-    def changes(self) -> list[StateChange]:
-        """Return changes since the last call."""
-        changes, self._changes = self._changes, []
-        return changes
 
     def pressed(self) -> int:
         """Return the bumper bits set at any time since the last call, as in SensorData.bumper."""
@@ -147,17 +93,6 @@ class KobukiDriver:
         return bits
 
     # --- to the base ---
-
-    def command(self, now: Instant, v: float, omega: float, issued: Instant | None = None) -> None:
-        """Command `v` m/s forward and `omega` rad/s counter-clockwise, subject to the safety stop.
-
-        `issued`: time of the decision; None: now.
-        """
-        self._safety.command(now, now if issued is None else issued, v, omega)
-
-    def hold(self, cause: HoldCause, holds: bool) -> None:
-        """Set or clear an external cause that prevents all motion."""
-        self._safety.hold(cause, holds)
 
     def due(self, now: Instant) -> bytes:
         """Return the bytes to write now: none, or a base control and at most one other command."""
@@ -170,7 +105,7 @@ class KobukiDriver:
         stands = self.allowed.v == 0 and self.allowed.omega == 0
         is_stop_ignored = stands and self.found and self.odometry.is_moving
         if not self._has_new_feedback and passed < (
-            _STOP_INTERVAL if is_stop_ignored else _MAX_CONTROL_INTERVAL
+            _STOP_INTERVAL if is_stop_ignored else MAX_COMMAND_INTERVAL
         ):
             return b""
         self._has_new_feedback, self._sent_at = False, now
@@ -182,11 +117,6 @@ class KobukiDriver:
         """Return the last bytes to write: a stop command."""
         return _frame(kobuki_motion.base_control(0.0, 0.0))
 
-    def _update_allowed(self, now: Instant) -> None:
-        before, self.allowed = self.allowed, self._safety.allowed(now)
-        if self.allowed.stops != before.stops:
-            self._changes.append(StateChange(now, "stops", before.stops, self.allowed.stops))
-
     def _is_noisy(self, now: Instant) -> bool:
         """Return whether noise replaces feedback."""
         silent = now - self._feedback_at > KOBUKI_LIMITS.silence
@@ -195,8 +125,8 @@ class KobukiDriver:
     def _feedback(self, feedback: BaseFeedback) -> None:
         now, basic, _ = feedback
         if not self.found:  # it may be another base, or a restarted one
-            self.found, self._outputs_due = True, now
-            self._changes.append(StateChange(now, "feedback", False, True))
+            self._outputs_due = now
+            self._set_found(now, True)
         self._feedback_at, self._has_new_feedback = now, True
         self._skipped_before = self.reception.skipped
         self._safety.sense(feedback)
@@ -207,15 +137,12 @@ class KobukiDriver:
                 self._changes.append(StateChange(now, name, before, value))
                 self._fields[name] = value
         self.volts = basic.battery_dv / 10
-        battery = battery_level(self.volts, self.battery)
-        if battery is not self.battery:
-            self._changes.append(StateChange(now, "battery", self.battery, battery))
-            self.battery = battery
+        battery = battery_level(self.volts, self.battery, _VOLTAGES)
+        if self._set_battery(now, battery):
             self._signal_battery(now, battery)
 
     def _signal_battery(self, now: Instant, battery: BatteryLevel) -> None:
-        """Signal a low battery by LED and sound; stop with a nearly empty one."""
-        self._safety.hold(HoldCause.BATTERY, battery is BatteryLevel.DANGER)
+        """Signal a low battery by LED and sound."""
         light = {BatteryLevel.LOW: LED1_RED | LED1_GREEN, BatteryLevel.DANGER: LED1_RED}
         self._outputs, self._outputs_due = POWER_RAILS | light.get(battery, 0), now
         if battery in light:

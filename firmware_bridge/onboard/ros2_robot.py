@@ -1,5 +1,6 @@
 """A ROS 2 robot as driven by the base core."""
 
+import functools
 import os
 from collections.abc import Callable
 
@@ -8,9 +9,8 @@ import msgspec
 from actors.instant import Instant, in_seconds
 from actors.robot_model import RobotModel
 from firmware_bridge.onboard.contradictions import ContradictionMonitor
-from firmware_bridge.onboard.vehicle import BaseLine, GuardedVehicle, GuardianLink
+from firmware_bridge.onboard.vehicle import BaseLine, GuardedVehicle, GuardianLink, start_guardian
 from firmware_bridge.ros2.driver import Publications, RobotDriver
-from firmware_bridge.ros2.guardian import start_guardian
 from firmware_bridge.ros2.robot_link import RobotLink, node_name
 from firmware_bridge.ros2.scan_reader import LaserScanReader
 from firmware_bridge.ros2.session import Ros2Session
@@ -50,14 +50,13 @@ class Ros2Robot(GuardedVehicle):
         return cause.value if detail is None else f"{cause.value}: {detail}"
 
     def _take(self, now: Instant, publications: Publications) -> None:
-        robot, monitor = self._robot, self._contradictions
-        for feedback in robot.take(now, publications):
-            monitor.set_command(robot.allowed.v, robot.allowed.omega)
-            monitor.feedback(feedback if self._uses_gyro else feedback._replace(gyro=None))
-        self.report_changes(now)
-        if monitor.is_gyro_contradicted and self._uses_gyro:  # the odometry does not need it
+        feedbacks = self._robot.take(now, publications)
+        if not self._uses_gyro:
+            feedbacks = [one._replace(gyro=None) for one in feedbacks]
+        self.take_feedbacks(now, feedbacks)
+        if self._contradictions.is_gyro_contradicted and self._uses_gyro:  # the odometry does not need it
             self._uses_gyro = False
-            monitor.ignore_gyro()
+            self._contradictions.ignore_gyro()
             self._say(f"{in_seconds(now):.3f} gyro contradicted: checks without it from now on")
         self.hold_contradictions(now)
 
@@ -70,5 +69,6 @@ def create_ros2_robot(base: Ros2Base, model: RobotModel, now: Callable[[], Insta
         session = Ros2Session(base, node_name("base", os.getpid()), now)
         return RobotLink(session, base, driver, reader, take, now, say)
 
-    guardian = GuardianLink(settings, start_guardian)
+    start = functools.partial(start_guardian, program=("-m", "firmware_bridge.ros2.guardian"))
+    guardian = GuardianLink(settings, start)
     return Ros2Robot(connect, model, now(), guardian, say)

@@ -3,7 +3,7 @@
 import socket
 import subprocess
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from contextlib import suppress
 from typing import Final, Protocol
 
@@ -12,17 +12,17 @@ from actors.instant import Instant, in_seconds, milliseconds, seconds
 from actors.messages import Odometry, Scan
 from actors.robot_model import BatteryParameters
 from actors.runtime.errors import AcrcError
+from firmware_bridge.base_feedback import DriveFeedback
 from firmware_bridge.kobuki import guardian
-from firmware_bridge.kobuki.driver import BatteryLevel, KobukiDriver, StateChange
+from firmware_bridge.kobuki.driver import KobukiDriver
 from firmware_bridge.kobuki.kobuki_motion import TRACK
 from firmware_bridge.onboard.contradictions import ContradictionMonitor
 from firmware_bridge.onboard.device_loop import DeviceLine
 from firmware_bridge.range_sensors.depth import CameraFeed, DepthError, DepthScanner
 from firmware_bridge.range_sensors.rplidar import Rplidar
 from firmware_bridge.range_sensors.sensor import RangeReader
-from firmware_bridge.safety import AllowedMotion, HoldCause
+from firmware_bridge.safety import BaseDriver, BatteryLevel, HoldCause
 from firmware_bridge.serial_port import Say, SerialPort
-from firmware_bridge.wheel_odometry import WheelOdometry
 
 _HEARTBEAT_INTERVAL: Final = milliseconds(10)
 """Minimum interval of heartbeats."""
@@ -36,10 +36,15 @@ _EXIT_TIMEOUT_S: Final = 1.0
 """Timeout of waiting for the guardian at the end, s; it continues in the background."""
 
 
-def start_guardian(channel: int, name: str) -> "subprocess.Popen[bytes]":
-    """Start a guardian in its own session, with isolated imports and this process's log."""
+def start_guardian(
+    channel: int, name: str, program: Sequence[str] = ("-S", guardian.__file__)
+) -> "subprocess.Popen[bytes]":
+    """Start a guardian in its own session, with isolated imports and this process's log.
+
+    `program`: Python's arguments up to the guardian's program.
+    """
     return subprocess.Popen(
-        [sys.executable, "-I", "-S", guardian.__file__, "beside", str(channel), name],
+        [sys.executable, "-I", *program, "beside", str(channel), name],
         pass_fds=(channel,),
         stdin=subprocess.DEVNULL,
         start_new_session=True,
@@ -216,26 +221,6 @@ class DepthCameraDevice:
             self.errors += 1
 
 
-class BaseDriver(Protocol):
-    """Driver of a base, without I/O."""
-
-    allowed: AllowedMotion
-    battery: BatteryLevel | None
-    odometry: WheelOdometry
-
-    def command(self, now: Instant, v: float, omega: float, issued: Instant | None = None) -> None:
-        """Command a velocity, m/s and rad/s, decided at `issued`, subject to the safety stop."""
-
-    def hold(self, cause: HoldCause, holds: bool) -> None:
-        """Set or clear an external cause that prevents all motion."""
-
-    def pressed(self) -> int:
-        """Return the bumper bits set at any time since the last call, as in SensorData.bumper."""
-
-    def changes(self) -> list[StateChange]:
-        """Return changes since the last call."""
-
-
 class BaseLine(Protocol):
     """Connection to a base."""
 
@@ -327,8 +312,11 @@ class GuardedVehicle:
         """Return a cause in words."""
         return cause.value
 
-    def report_changes(self, now: Instant) -> None:
-        """Report changes of the driver's state."""
+    def take_feedbacks(self, now: Instant, feedbacks: Iterable[DriveFeedback]) -> None:
+        """Check feedbacks for contradictions, and report changes of the driver's state."""
+        for feedback in feedbacks:
+            self._contradictions.set_command(self._driver.allowed.v, self._driver.allowed.omega)
+            self._contradictions.feedback(feedback)
         for change in self._driver.changes():
             self._say(f"{in_seconds(now):.3f} {change}")
 
@@ -383,12 +371,10 @@ class TurtleBot(GuardedVehicle):
         return None if volts is None or self._battery is None else self._battery.charge_at(volts)
 
     def _take(self, now: Instant, data: bytes) -> None:
-        odometry = self._kobuki.odometry
-        for feedback in self._kobuki.take(now, data):
-            self._contradictions.set_command(self._kobuki.allowed.v, self._kobuki.allowed.omega)
-            used = feedback._replace(inertial=None) if odometry.uses_wheel_heading else feedback
-            self._contradictions.feedback(used)
-        self.report_changes(now)
+        odometry, feedbacks = self._kobuki.odometry, self._kobuki.take(now, data)
+        if odometry.uses_wheel_heading:
+            feedbacks = [one._replace(inertial=None) for one in feedbacks]
+        self.take_feedbacks(now, feedbacks)
         if self._contradictions.is_gyro_contradicted and odometry.gyro_is_constant:
             odometry.use_wheel_heading()
             self._contradictions.ignore_gyro()

@@ -1,8 +1,8 @@
 """Driver of a ROS 2 robot's base, without I/O.
 
 The caller passes received messages to `take`, and publishes the velocity returned by `due`: after each
-odometry message, at least every `_MAX_INTERVAL`, and until the robot has stood for `_QUIET_AFTER`. Afterwards
-nothing is published, so that actions of the robot, such as undocking, are not disturbed.
+odometry message, at least every `MAX_COMMAND_INTERVAL`, and until the robot has stood for `_QUIET_AFTER`.
+Afterwards nothing is published, so that actions of the robot, such as undocking, are not disturbed.
 """
 
 import math
@@ -12,7 +12,6 @@ from typing import Any, Final
 from actors.instant import Instant, in_seconds, milliseconds, seconds
 from actors.robot_model import RobotModel
 from firmware_bridge.base_feedback import DriveLimits
-from firmware_bridge.kobuki.driver import BatteryLevel, StateChange
 from firmware_bridge.ros2 import message_types
 from firmware_bridge.ros2.message_types import InvalidMessageError
 from firmware_bridge.ros2.received import decode_sample
@@ -25,17 +24,22 @@ from firmware_bridge.ros2.robot_feedback import (
     read_pose,
 )
 from firmware_bridge.ros2.session import ReceivedSample
-from firmware_bridge.safety import AllowedMotion, HoldCause, SafetyStop
-from firmware_bridge.wheel_odometry import WheelOdometry
+from firmware_bridge.safety import (
+    MAX_COMMAND_INTERVAL,
+    AllowedMotion,
+    BaseDriver,
+    BatteryLimits,
+    HoldCause,
+    StateChange,
+    battery_level,
+)
 
 _SILENCE: Final = milliseconds(200)
 """Timeout of odometry; own choice, four messages of a TurtleBot."""
 _STILL: Final = 0.0005
 """Maximum distance of a wheel between two messages at standstill, m; own choice: 1 cm/s at 20 Hz."""
-_MAX_INTERVAL: Final = milliseconds(40)
-"""Maximum interval of velocity commands; own choice, that of a Kobuki."""
 _QUIET_AFTER: Final = seconds(1)
-_LOW, _DANGER, _MARGIN = 0.2, 0.05, 0.03
+_CHARGES: Final = BatteryLimits(low=0.2, danger=0.05, margin=0.03)
 """Charges at which the battery is low and nearly empty, and their hysteresis; own choice, as of a Kobuki."""
 _PERCENT_ABOVE: Final = 1.5
 """Percentage above which a robot publishes percent, although BatteryState has shares."""
@@ -61,34 +65,26 @@ def drive_limits(model: RobotModel) -> DriveLimits:
     )
 
 
-class RobotDriver:
+class RobotDriver(BaseDriver):
     """Driver of one robot's base."""
 
+    _FEEDBACK = "odometry"
+
     def __init__(self, model: RobotModel, started: Instant) -> None:
-        self.limits = drive_limits(model)
+        super().__init__(started, drive_limits(model))
         self.details: dict[HoldCause, str] = {}
         """Explanations of active causes."""
         self._battery_model = model.battery
-        self._safety = SafetyStop(started, self.limits)
-        self.odometry = WheelOdometry(self.limits)
         self.clock = RobotClock()
         """Clock of the odometry."""
         self._gyro = GyroOdometry()
         self._hazards = HazardStatus()
-        self._pressed_bits = 0
-        self._feedback_at = self._moved_at = started
-        self._sent_at = Instant(started - _MAX_INTERVAL)
-        self._has_new_feedback = self._is_percent = False
-        self._changes: list[StateChange] = []
+        self._moved_at = started
+        self._is_percent = False
         self._refused: dict[str, str] = {}
         """Last reason for refusing a message, by topic."""
         self._held: set[HoldCause] = set()
-        self.found = False
-        """True while odometry is received."""
         self.charge: float | None = None
-        self.battery: BatteryLevel | None = None
-        self.allowed = AllowedMotion(0.0, 0.0, ())
-        """Last result of the safety stop."""
         self._handlers: dict[str, tuple[str, Callable[[Instant, Any], None]]] = {
             "hazards": (message_types.HAZARDS, self._take_hazards),
             "dock": (message_types.DOCK, lambda now, one: self.hold(HoldCause.DOCKED, one.is_docked)),
@@ -107,39 +103,22 @@ class RobotDriver:
         for topic, (kind, handle) in self._handlers.items():
             self._process(now, topic, kind, handle, publications)
         self._process(now, "odom", message_types.ODOMETRY, self._take_odometry, publications)
-        if self.found and now - self._feedback_at > self.limits.silence:
-            self._set_found(now, False)
-            self.odometry.set_standing()
+        self._check_silence(now)
         self._hold_changed(HoldCause.LATE_DATA, self.clock.is_late)
         self._hold_changed(HoldCause.BASE_CLOCK, self.clock.has_stepped(now))
         return self._feedbacks
-
-    def changes(self) -> list[StateChange]:
-        """Return changes since the last call."""
-        changes, self._changes = self._changes, []
-        return changes
 
     def pressed(self) -> int:
         """Return the bumper bits set at any time since the last call, as in SensorData.bumper."""
         bits, self._pressed_bits = self._pressed_bits, self._hazards.bumper
         return bits
 
-    def command(self, now: Instant, v: float, omega: float, issued: Instant | None = None) -> None:
-        """Command a velocity, m/s and rad/s, subject to the safety stop; `issued`: time of the decision."""
-        self._safety.command(now, now if issued is None else issued, v, omega)
-
-    def hold(self, cause: HoldCause, holds: bool) -> None:
-        """Set or clear an external cause that prevents all motion."""
-        self._safety.hold(cause, holds)
-
     def due(self, now: Instant) -> AllowedMotion | None:
         """Return the velocity to publish now, if any."""
-        if not self._has_new_feedback and now - self._sent_at < _MAX_INTERVAL:
+        if not self._has_new_feedback and now - self._sent_at < MAX_COMMAND_INTERVAL:
             return None
         self._has_new_feedback, self._sent_at = False, now
-        before, self.allowed = self.allowed, self._safety.allowed(now)
-        if self.allowed.stops != before.stops:
-            self._changes.append(StateChange(now, "stops", before.stops, self.allowed.stops))
+        self._update_allowed(now)
         v, omega, _ = self.allowed
         if v or omega or not self.found or self.odometry.is_moving:
             self._moved_at = now
@@ -187,10 +166,6 @@ class RobotDriver:
         self._feedback_at, self._has_new_feedback = time.instant, True
         self._feedbacks.append(feedback)
 
-    def _set_found(self, now: Instant, found: bool) -> None:
-        self._changes.append(StateChange(now, "odometry", self.found, found))
-        self.found = found
-
     def _take_hazards(self, arrived: Instant, message: Any) -> None:
         before, self._hazards = self._hazards, read_hazards(message)
         self.hold(HoldCause.BACKUP_LIMIT, bool(self._hazards.backup_limit))
@@ -209,15 +184,5 @@ class RobotDriver:
                 self._changes.append(StateChange(arrived, "battery's percentage", "0 to 1", "0 to 100"))
             charge = min(1.0, message.percentage / (100 if self._is_percent else 1))
         self.charge = charge
-        level = None if charge is None else _battery_level(charge, self.battery)
-        if level is not self.battery:
-            self._changes.append(StateChange(arrived, "battery", self.battery, level))
-        self.battery = level
-        self.hold(HoldCause.BATTERY, level is BatteryLevel.DANGER)
-
-
-def _battery_level(charge: float, before: BatteryLevel | None) -> BatteryLevel:
-    if charge <= _DANGER + _MARGIN * (before is BatteryLevel.DANGER):
-        return BatteryLevel.DANGER
-    is_low = before in {BatteryLevel.LOW, BatteryLevel.DANGER}
-    return BatteryLevel.LOW if charge <= _LOW + _MARGIN * is_low else BatteryLevel.FAIR
+        level = None if charge is None else battery_level(charge, self.battery, _CHARGES)
+        self._set_battery(arrived, level)

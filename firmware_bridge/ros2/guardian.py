@@ -7,7 +7,6 @@ does not (ROBOTIS-GIT/turtlebot3, issue 1154).
 """
 
 import os
-import subprocess
 import sys
 import time
 from collections import deque
@@ -115,17 +114,6 @@ class RobotStop:
 
 def _now() -> Instant:
     return Instant(time.time_ns() // 1000)
-
-
-def start_guardian(channel: int, settings: str) -> "subprocess.Popen[bytes]":
-    """Start a guardian in its own session; `settings`: of the base, as JSON."""
-    return subprocess.Popen(
-        [sys.executable, "-I", "-m", "firmware_bridge.ros2.guardian", "beside", str(channel), settings],
-        pass_fds=(channel,),
-        stdin=subprocess.DEVNULL,
-        start_new_session=True,
-        cwd="/",
-    )
 
 
 def main(argv: Sequence[str]) -> int:

@@ -11,8 +11,9 @@ from actors.geometry import Point, Pose, wrap
 from actors.instant import START, Duration, Instant, in_seconds, milliseconds
 from actors.portable import arrays, cos, sin
 from firmware_bridge.device_lines import NO_NOISE
-from firmware_bridge.kobuki.driver import KobukiDriver, StateChange
+from firmware_bridge.kobuki.driver import KobukiDriver
 from firmware_bridge.kobuki.emulated_kobuki import BaseParameters, BodyTruth, EmulatedKobuki
+from firmware_bridge.safety import StateChange
 
 ROUND = milliseconds(5)
 SUBSTEP_US = 5_000

@@ -19,7 +19,6 @@ from actors.geometry import Pose
 from actors.instant import START, Instant
 from actors.runtime.errors import AcrcError
 from firmware_bridge.device_lines import NO_NOISE, LineNoise, PseudoTerminal
-from firmware_bridge.kobuki.driver import BatteryLevel, StateChange
 from firmware_bridge.kobuki.kobuki_motion import KOBUKI_LIMITS, TRACK, BaseFeedback, velocity
 from firmware_bridge.kobuki.kobuki_packets import (
     POWER_RAILS,
@@ -30,7 +29,7 @@ from firmware_bridge.kobuki.kobuki_packets import (
     InertialSensorData,
     SoundSequence,
 )
-from firmware_bridge.safety import AllowedMotion, HoldCause, SafetyStop
+from firmware_bridge.safety import AllowedMotion, BatteryLevel, HoldCause, SafetyStop, StateChange
 from firmware_bridge.serial_port import KOBUKI, PortError, SerialPort
 from tests.kobuki.rig import Rig, Room
 
