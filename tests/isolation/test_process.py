@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 
 from actors.installation.repository import REPOSITORY
-from actors.runtime.isolation import sandbox, syscall_filter
+from actors.runtime.isolation import mounts, sandbox, syscall_filter
 from actors.runtime.isolation.sandbox import (
     ISOLATION_RISKS,
     IsolationChoice,
@@ -108,6 +108,27 @@ def test_a_sandboxed_process_keeps_its_folder_named_files_and_libraries(run_fold
     ]
     assert (own / "recording.mcap").read_text() == "kept"
     assert not Path("/tmp/scratch").exists()
+
+
+def test_a_view_after_a_survey_is_that_of_a_search(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    study = ("study/scenario.toml", "study/other.toml", "study/part/own.py")
+    runs = ("tried/a.txt", "tried/r/r1/setup.json")
+    for file in ("tool.py", "notes/a.txt", "notes/old.toml", *study, *runs):
+        (tmp_path / file).parent.mkdir(parents=True, exist_ok=True)
+        (tmp_path / file).touch()
+    monkeypatch.setattr(mounts, "_PROJECT", tmp_path)
+    monkeypatch.setattr(mounts, "_runless", set())
+    hidden = ((), (tmp_path / "tool.py", tmp_path / study[0]), (tmp_path / "notes/a.txt",))
+
+    def entries() -> list[list[str]]:
+        found = [mounts.code_entries(tmp_path, mounts.hidden_paths(some)) for some in hidden]
+        return [[str(path.relative_to(tmp_path)) for path in paths] for paths in found]
+
+    searched = entries()
+    mounts.survey()
+    assert mounts._runless == {tmp_path / "notes"}, "no name that a robot might not see"
+    assert entries() == searched
+    assert searched[1:] == [["notes", "study/part", "tried/a.txt"], ["study", "tool.py", "tried/a.txt"]]
 
 
 def test_an_ordinary_user_can_be_isolated_too(run_folder: Path) -> None:

@@ -42,9 +42,8 @@ _SWARM_FOLDERS: Final = tuple(
     _PROJECT / name for name in ("acrc_testbed", "deploy", "scenarios", "fleets", "runs")
 )
 """Project folders about whole swarms and runs, not single robots."""
-_NOT_CODE: Final = (*SCRATCH, Path("/proc"), Path("/sys"), Path("/dev"))
-_surveyed: Final[dict[Path, tuple[Path, ...]]] = {}
-"""Entries of folders with code, as if there were no run; see `survey`."""
+_runless: Final[set[Path]] = set()
+"""Folders without runs; see `survey`."""
 
 
 class FileView(NamedTuple):
@@ -67,30 +66,43 @@ def file_view(
     completely, also below a hidden folder. `code`: code folders besides those on Python's path.
     """
     installed = [Path(prefix) for prefix in dict.fromkeys((sys.prefix, sys.base_prefix))]
-    excluded = (*hidden_paths(hidden), *_NOT_CODE)
-    entries = (code_entries(folder, excluded) for folder in _code_folders(code))
+    folders = (*(Path(path).absolute() for path in sys.path if path), *code, _PROJECT)
+    known = (*installed, *SYSTEM)
+    excluded = (*hidden_paths(hidden), *SCRATCH, *map(Path, ("/proc", "/sys", "/dev")))
+    entries = (code_entries(folder, excluded) for folder in folders if not _is_under(folder, known))
     shown_entries = (*installed, *readable, *(path for found in entries for path in found))
     return FileView(
         own, _path_variants(own), {place: path for path in shown_entries for place in _path_variants(path)}
     )
 
 
-def _code_folders(code: Collection[Path] = ()) -> Iterator[Path]:
-    """Yield folders on Python's path and `code`, without those of the system and of Python's installation."""
-    known = (*map(Path, (sys.prefix, sys.base_prefix)), *SYSTEM)
-    for folder in (*(Path(path).absolute() for path in sys.path if path), *code, _PROJECT):
-        if not _is_under(folder, known):
-            yield folder
-
-
 def survey() -> None:
-    """Search the folders on Python's path once, for this process and its forks.
+    """Find the project's folders without runs, so that this process's forks need not search them.
 
-    A search takes longer than the rest of a robot's sandbox. Call it before a run's folder exists, as forks
-    have all names in their memory.
+    A search takes longer than the rest of a robot's sandbox. A child searches, since forks have all names in
+    their memory, and tells only those that a robot sees in any case.
     """
-    excluded = (*hidden_paths(()), *_NOT_CODE)
-    _surveyed.update({folder: tuple(_entries(folder, excluded, _DEPTH)) for folder in _code_folders()})
+    reader, writer = os.pipe()
+    child = os.fork()
+    if not child:
+        try:
+            found = [os.fsencode(entry) for entry in _listed(_PROJECT) if _is_public(entry)]
+            with os.fdopen(writer, "wb") as told:
+                told.write(b"\0".join(found))
+        finally:
+            os._exit(0)
+    os.close(writer)
+    with os.fdopen(reader, "rb") as told:
+        _runless.update(Path(os.fsdecode(name)) for name in told.read().split(b"\0"))
+    os.waitpid(child, 0)
+
+
+def _is_public(entry: os.DirEntry[str]) -> bool:
+    """Return True for a folder without runs with a file that only a hidden folder hides."""
+    path = Path(entry)
+    files = (one.name for one in _listed(path) if not _is_subfolder(one))
+    is_seen = any(not name.startswith(".") and not name.endswith(".toml") for name in files)
+    return is_seen and not _is_run(path) and not _holds_run(path, _DEPTH - 1)
 
 
 def hidden_paths(hidden: Collection[Path]) -> tuple[Path, ...]:
@@ -113,14 +125,7 @@ def code_entries(folder: Path, hidden: Sequence[Path]) -> Iterator[Path]:
         return
     if os.path.isfile(folder):  # noqa: PTH113 — Path.is_file raises where access is denied
         yield folder
-    if folder not in _surveyed:
-        yield from _entries(folder, hidden, _DEPTH)
-        return
-    for path in _surveyed[folder]:
-        if not _contains(path, hidden):
-            yield path
-        elif path not in hidden:
-            yield from _entries(path, hidden, _DEPTH - len(path.relative_to(folder).parts))
+    yield from _entries(folder, hidden, _DEPTH)
 
 
 def _entries(folder: Path, hidden: Sequence[Path], depth: int) -> Iterator[Path]:
@@ -130,9 +135,9 @@ def _entries(folder: Path, hidden: Sequence[Path], depth: int) -> Iterator[Path]
             continue
         if not _is_subfolder(entry):
             yield path
-        elif not any(_listed(path)) or _is_run(path):
+        elif path not in _runless and (not any(_listed(path)) or _is_run(path)):
             continue
-        elif _contains(path, hidden) or _holds_run(path, depth - 1):
+        elif _contains(path, hidden) or (path not in _runless and _holds_run(path, depth - 1)):
             yield from _entries(path, hidden, depth - 1)
         else:
             yield path
