@@ -38,7 +38,9 @@ BODY = np.dtype(
 
 
 def wall_faces(squares: Octets) -> tuple[Floats, Int64s]:
-    """Return the border of free and blocking cells as (4, n) of line, begin, end and side, and (5,) bounds.
+    """Return the border of free and blocking cells as faces, (8, n), and (5,) bounds.
+
+    Rows of a face: line, begin, end, side; x and y of its first end, counter-clockwise, and of the other one.
 
     squares: of `free_squares`. Units are cells; a face is of maximum length. Side 0: the wall is north of row
     `line`, 1: south; 2: east of column `line`, 3: west. The faces of side k, ordered by line, are
@@ -49,7 +51,9 @@ def wall_faces(squares: Octets) -> tuple[Floats, Int64s]:
     for side, cells in enumerate((wall, wall, wall.T, wall.T)):
         low, high = cells[:-1], cells[1:]
         line, begin, end = runs(high & ~low if side % 2 == 0 else low & ~high)
-        faces.append(np.array([line + 1, begin, end, np.full(line.size, side)], np.float64))
+        first, last = (end, begin) if side in (0, 3) else (begin, end)
+        corners = (first, line + 1, last, line + 1) if side < 2 else (line + 1, first, line + 1, last)
+        faces.append(np.array([line + 1, begin, end, np.full(line.size, side), *corners], np.float64))
     return np.concatenate(faces, axis=1), np.cumsum([0, *(part.shape[1] for part in faces)])
 
 
@@ -163,22 +167,16 @@ def _shorten(
 
     per (2, rays): distance along each ray per unit of x and of y.
     """
-    ends = np.empty((2, 2, near.size))
-    for k in range(near.size):
-        line, begin, end, side = faces[0, near[k]], faces[1, near[k]], faces[2, near[k]], faces[3, near[k]]
-        across, first = (0, 1) if side in (0, 3) else (1, 0)  # counter-clockwise
-        along = 1 if side > 1 else 0
-        ends[first, along, k], ends[across, along, k] = begin - (y if along else x), end - (y if along else x)
-        ends[0, 1 - along, k] = ends[1, 1 - along, k] = line - (x if along else y)
-    turn, margin = 2 * math.pi / increment, _UNSURE / increment
-    places = np.empty((2, near.size))
-    for end in range(2):
+    ends = np.empty((4, near.size))
+    for axis in range(4):
+        origin = y if axis % 2 else x
         for k in range(near.size):
-            place = (_rough_atan2(ends[end, 1, k], ends[end, 0, k]) - bearing) / increment
-            places[end, k] = place - turn * math.floor(place / turn)
+            ends[axis, k] = faces[4 + axis, near[k]] - origin
+    turn, margin = 2 * math.pi / increment, _UNSURE / increment
+    places = _places(ends, bearing, increment)
     for k in range(near.size):
         along = 0 if faces[3, near[k]] > 1 else 1
-        ahead, rays = ends[0, along, k], per[along]
+        ahead, rays = ends[along, k], per[along]
         low, high = places[0, k], places[1, k]
         if high < low:
             high += turn
@@ -190,6 +188,17 @@ def _shorten(
                 if 0 <= nearest < distances.size and abs(edge - nearest) < margin:
                     distances[nearest] = -1.0
             low, high = low - turn, high - turn
+
+
+@kernel
+def _places(ends: Floats, bearing: float, increment: float) -> Floats:
+    """Return both bearings of faces, (2, n), in increments from the first ray; ends (4, n): x, y, x, y."""
+    places, turn = np.empty((2, ends.shape[1])), 2 * math.pi / increment
+    for end in range(2):
+        for k in range(ends.shape[1]):
+            place = (_rough_atan2(ends[2 * end + 1, k], ends[2 * end, k]) - bearing) / increment
+            places[end, k] = place - turn * math.floor(place / turn)
+    return places
 
 
 @kernel
