@@ -25,7 +25,7 @@ class Benchmark:
     module: str
     """Module with a function `measure` that returns a `BenchmarkResult`."""
     summary: str
-    options: tuple[str, ...] = ()
+    options: tuple[str, ...]
     """Parameters of `measure` that the command line accepts."""
 
 

@@ -5,7 +5,6 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Annotated, Final
 
-import typer
 from rich.table import Table
 
 from acrc_testbed.command_line import shared_options
@@ -19,6 +18,7 @@ from acrc_testbed.command_line.shared_options import (
     answer,
     argument,
     check_absent,
+    command_group,
     flag,
     option,
     permission,
@@ -286,14 +286,7 @@ def freeze(
     campaign_commands.freeze(study, out, until_decided=until_decided, json=json)
 
 
-study = typer.Typer(
-    add_completion=False,
-    no_args_is_help=True,
-    rich_markup_mode=None,
-    help="Plan a study, and freeze the plan.",
-)
-for _command in (plan, freeze):
-    study.command()(_command)
+study = command_group("Plan a study, and freeze the plan.", plan, freeze)
 
 
 _MAX_ROWS: Final = 20

@@ -21,6 +21,7 @@ from acrc_testbed.command_line.shared_options import (
     Router,
     answer,
     argument,
+    command_group,
     isolation,
     option,
     permission,
@@ -118,7 +119,7 @@ def _send_order(endpoints: list[str], keys: Path, order: Order, *, json: bool) -
     lines = []
     for endpoint, failure in failures.items():
         if failure:
-            print(f"acrc: {endpoint}: {failure}", file=sys.stderr)
+            _log(f"{endpoint}: {failure}")
         else:
             lines.append(f"acrc: {endpoint}: {operator_station.STATE_AFTER[type(order)]}")
     rows = [{"endpoint": endpoint, "failure": failure} for endpoint, failure in failures.items()]
@@ -239,7 +240,7 @@ def bundle(
     )
     answer([text], archive._asdict(), json=json)
     if archive.lacks:
-        sys.stderr.write(f"acrc: the bundle lacks packages of requirements.txt: {archive.lacks}\n")
+        _log(f"the bundle lacks packages of requirements.txt: {archive.lacks}")
 
 
 def units(
@@ -289,7 +290,7 @@ def units(
         json=json,
     )
     for sentence in files.unassigned:
-        sys.stderr.write(f"acrc: {sentence}\n")
+        _log(sentence)
 
 
 def keys(
@@ -320,17 +321,29 @@ def keys(
     loaded = _load(fleet)
     hosts = fleet_keys.parse_hosts(host or [], loaded)
     folder, now = (out or Path(loaded.keys)).absolute(), datetime.now(UTC)
-    if not revoke:
+    sentences, old_keys = list[str](), None
+    if revoke:
+        created, old_keys = fleet_keys.replace_keys(loaded, folder, revoke, hosts, now=now, days=days)
+        sentences = [
+            f"Machines with their new folders reject the old keys of {', '.join(revoke)}: copy all folders, "
+            "the operator's first, and restart the robots.",
+            f"The old keys are in {old_keys}; delete them after that.",
+        ]
+    else:
         created = fleet_keys.create_keys(loaded, folder, hosts, now=now, days=days)
-        _print_keys(loaded, created, [], None, json=json)
-        return
-    created, old_keys = fleet_keys.replace_keys(loaded, folder, revoke, hosts, now=now, days=days)
-    revoked = [
-        f"Machines with their new folders reject the old keys of {', '.join(revoke)}: copy all folders, "
-        "the operator's first, and restart the robots.",
-        f"The old keys are in {old_keys}; delete them after that.",
-    ]
-    _print_keys(loaded, created, revoked, old_keys, json=json)
+    data = {
+        "home": created.home,
+        "valid_until": created.valid_until,
+        "machines": created.machines,
+        "old_keys": old_keys,
+    }
+    answer([*_key_sentences(loaded, created), *sentences], data, json=json)
+    for machine in created.machines:
+        if machine.listens_unnamed:
+            _log(
+                f"{machine.machine} listens at all its addresses, but its certificate is valid for "
+                f"names only; to reach it by address, add: --host {machine.machine}=192.168.1.12"
+            )
 
 
 def doctor(
@@ -350,20 +363,6 @@ def doctor(
         raise typer.Exit(1)
 
 
-def _print_keys(
-    fleet: "Fleet", keys: "FleetKeys", revoked: list[str], old: Path | None, *, json: bool
-) -> None:
-    """Print the folders of the keys and the sentences `revoked`; `old`: folder of the old keys."""
-    data = {"home": keys.home, "valid_until": keys.valid_until, "machines": keys.machines, "old_keys": old}
-    answer([*_key_sentences(fleet, keys), *revoked], data, json=json)
-    for machine in keys.machines:
-        if machine.listens_unnamed:
-            sys.stderr.write(
-                f"acrc: {machine.machine} listens at all its addresses, but its certificate is valid for "
-                f"names only; to reach it by address, add: --host {machine.machine}=192.168.1.12\n"
-            )
-
-
 def _key_sentences(fleet: "Fleet", keys: "FleetKeys") -> Iterator[str]:
     yield (
         f"{keys.home}\n  keep it private and off the robots: its unencrypted key can sign keys of this fleet"
@@ -377,29 +376,17 @@ def _key_sentences(fleet: "Fleet", keys: "FleetKeys") -> Iterator[str]:
     yield f"All are valid until {keys.valid_until:%Y-%m-%d}."
 
 
-app = typer.Typer(
-    help="Set up, start, watch and stop real robots.",
-    no_args_is_help=True,
-    add_completion=False,
-    rich_markup_mode=None,
+app = command_group(
+    "Set up, start, watch and stop real robots.",
+    *(keys, units, bundle, doctor, onboard, radio, watch, stop, pause, resume, collect),
 )
-for _command in (keys, units, bundle, doctor, onboard, radio, watch, stop, pause, resume, collect):
-    app.command()(_command)
 
-
-cluster = typer.Typer(
-    help="Start a cluster, add this computer to one, fetch its recordings.",
-    no_args_is_help=True,
-    add_completion=False,
-    rich_markup_mode=None,
-)
 
 Address = Annotated[
     str, argument("ADDRESS", "Scheduler address: tls://HOST:PORT, or tcp://127.0.0.1:PORT on this computer.")
 ]
 
 
-@cluster.command()
 def start(address: Address) -> None:
     """Run a cluster's scheduler on this computer until Ctrl-C.
 
@@ -411,7 +398,6 @@ def start(address: Address) -> None:
     _exec("dask_scheduler", "--protocol", protocol, "--host", host, "--port", str(port))
 
 
-@cluster.command()
 def join(
     address: Address,
     workers: Annotated[
@@ -434,7 +420,6 @@ def join(
     _exec("dask_worker", place, *local, "--nworkers", str(number), "--nthreads", "1")
 
 
-@cluster.command()
 def fetch(
     out: Annotated[Path, argument("OUT", "Folder of a run on a cluster.")],
     on: Annotated[
@@ -452,6 +437,11 @@ def fetch(
     fetched = fetch(out, address, _log)
     files = "1 file" if fetched.files == 1 else f"{fetched.files} files"
     answer([f"fetched {files}, {fetched.bytes} B"], asdict(fetched), json=json)
+
+
+cluster = command_group(
+    "Start a cluster, add this computer to one, fetch its recordings.", start, join, fetch
+)
 
 
 def _log(sentence: str) -> None:

@@ -16,21 +16,12 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
-import typer
-
-from acrc_testbed.command_line.shared_options import Json, answer
+from acrc_testbed.command_line.shared_options import Json, answer, command_group
 from actors.installation.repository import REPOSITORY, SHIPPED
 
 Row = Mapping[str, Any]
-app = typer.Typer(
-    help="List strategies, presets, robot models, scenarios and maps.",
-    no_args_is_help=True,
-    add_completion=False,
-    rich_markup_mode=None,
-)
 
 
-@app.command()
 def strategies(json: Json = False) -> None:
     """List strategies, also those of installed packages."""
     registry = REPOSITORY / "cleaning" / "strategies" / "registry.py"
@@ -44,7 +35,6 @@ def strategies(json: Json = False) -> None:
     _print_rows(rows, columns, shown, json=json)
 
 
-@app.command()
 def presets(json: Json = False) -> None:
     """List presets of radio, localisation and navigation."""
     # parsed, not imported: the import takes as long as starting a simulation
@@ -63,7 +53,6 @@ def presets(json: Json = False) -> None:
     _print_rows(rows, columns, json=json)
 
 
-@app.command()
 def models(json: Json = False) -> None:
     """List shipped robot models and their range sensors."""
     rows = [_model_row(path) for path in sorted((REPOSITORY / "actors" / "models").glob("*.toml"))]
@@ -72,7 +61,6 @@ def models(json: Json = False) -> None:
     _print_rows(rows, columns, shown, json=json)
 
 
-@app.command()
 def scenarios(json: Json = False) -> None:
     """List shipped scenarios."""
     rows = [
@@ -82,7 +70,6 @@ def scenarios(json: Json = False) -> None:
     _print_rows(rows, {"scenario": "{path}", "summary": "{summary}"}, json=json)
 
 
-@app.command()
 def maps(json: Json = False) -> None:
     """List shipped floor plans and their sizes."""
     rows = [_map_row(path) for path in sorted((SHIPPED / "maps").glob("*.yaml"))]
@@ -93,6 +80,16 @@ def maps(json: Json = False) -> None:
         "cell": "{resolution:g} m",
     }
     _print_rows(rows, columns, json=json)
+
+
+app = command_group(
+    "List strategies, presets, robot models, scenarios and maps.",
+    strategies,
+    presets,
+    models,
+    scenarios,
+    maps,
+)
 
 
 def _print_rows(

@@ -8,21 +8,13 @@ from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-import typer
-
-from acrc_testbed.command_line.shared_options import Json, answer, argument, flag, option
+from acrc_testbed.command_line.shared_options import Json, answer, argument, command_group, flag, option
 from actors.installation.usage import OptionError, output_file
 
 if TYPE_CHECKING:
     from acrc_testbed.recordings.message_formats import KeyStatistics
     from acrc_testbed.recordings.topics import LoggedMessage
 
-app = typer.Typer(
-    help="Read and check the recordings of a run.",
-    no_args_is_help=True,
-    add_completion=False,
-    rich_markup_mode=None,
-)
 _Growing = Annotated[Path, argument("OUT", "Folder of a run (may be in progress), or one recording.")]
 _KEY = "Key: r1/drive, truth, */senses for all robots, or a full key"
 _Begin = Annotated[float, option("S", "Begin at this simulated time.", "--from", min=0)]
@@ -31,7 +23,6 @@ _Follow = Annotated[bool, flag("Follow new messages until the run ends.", "--fol
 _PERIOD_S = 1.0
 
 
-@app.command()
 def info(
     out: _Growing,
     keys: Annotated[list[str] | None, argument("[KEY…]", f"{_KEY}.  [default: a line per recording]")] = None,
@@ -57,7 +48,6 @@ def info(
     answer([*lines, *([figures.total_sentence(found)] if len(found) > 1 else [])], found, json=json)
 
 
-@app.command()
 def echo(
     out: _Growing,
     keys: Annotated[list[str], argument("KEY…", f"{_KEY}; r1/log: output of r1's strategy.")],
@@ -86,7 +76,6 @@ def echo(
         print(f"{out}: nothing on {', '.join(keys)} in this interval", file=sys.stderr)
 
 
-@app.command()
 def plot(
     out: _Growing,
     key: Annotated[str, argument("KEY", f"{_KEY}.")],
@@ -110,7 +99,6 @@ def plot(
     answer([str(file)], {"file": file}, json=json)
 
 
-@app.command()
 def check(
     out: Annotated[Path, argument("OUT", "Folder of a run, or one recording.")], json: Json = False
 ) -> None:
@@ -132,6 +120,9 @@ def check(
     report = record_check.check_run(out)
     data = vars(report) | {"sealed": None if report.sealed is None else report.sealed._asdict()}
     answer([*record_check.check_sentences(report), seal.seal_sentence(out, report.sealed)], data, json=json)
+
+
+app = command_group("Read and check the recordings of a run.", info, echo, plot, check)
 
 
 def _messages(

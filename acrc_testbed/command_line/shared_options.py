@@ -3,7 +3,7 @@
 import difflib
 import os
 import sys
-from collections.abc import Collection, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -63,6 +63,14 @@ def isolation(text: str) -> Any:
 def argument(metavar: str, text: str, **others: Any) -> Any:
     """Declare an argument."""
     return typer.Argument(metavar=metavar, help=text, **others)
+
+
+def command_group(text: str, *commands: Callable[..., None]) -> typer.Typer:
+    """Return a group of commands, each named like its function, with the help `text`."""
+    group = typer.Typer(help=text, no_args_is_help=True, add_completion=False, rich_markup_mode=None)
+    for command in commands:
+        group.command()(command)
+    return group
 
 
 ScenarioFile = Annotated[
@@ -144,11 +152,7 @@ def answer(shown: "Iterable[str | Table]", data: object, *, json: bool) -> None:
     if json:
         import msgspec
 
-        # numpy's scalars as numbers, other values as text
-        encoded = msgspec.json.encode(
-            data, enc_hook=lambda one: one.item() if hasattr(one, "item") else str(one)
-        )
-        sys.stdout.write(encoded.decode() + "\n")
+        sys.stdout.write(msgspec.json.encode(data, enc_hook=_encodable).decode() + "\n")
         return
     from actors.console import print_parts
 
