@@ -13,10 +13,13 @@ from pathlib import Path
 from resource import RUSAGE_CHILDREN, getrusage
 from typing import Any, Final, Self
 
+import msgspec
 from rich.table import Table
 
 from actors.console import print_parts
 from actors.runtime.errors import AcrcError
+from actors.runtime.process import FinalNote
+from actors.runtime.recording import read_notes
 
 _WIDTH: Final = 250
 """Columns of the widest table; used without a terminal."""
@@ -78,6 +81,11 @@ def make_table(rows: Sequence[Mapping[str, object]], title: str, form: str = "")
         cells = ("-" if value is None else value for value in row.values())
         table.add_row(*(cell if isinstance(cell, str) else format(cell, form) for cell in cells))
     return table
+
+
+def final_note(recording: Path) -> FinalNote:
+    """Return the final record of a process that exited as planned. Raises RecordingError."""
+    return msgspec.json.decode(read_notes(recording)["final"], type=FinalNote)
 
 
 ACRC: Final = (sys.executable, "-P", "-m", "acrc_testbed.command_line")

@@ -20,15 +20,12 @@ from pathlib import Path
 from statistics import median
 from typing import Final, Self
 
-import msgspec
 import yaml
 
-from acrc_testbed.benchmarks.benchmark_result import ACRC, BenchmarkResult, make_table
+from acrc_testbed.benchmarks.benchmark_result import ACRC, BenchmarkResult, final_note, make_table
 from actors.installation.repository import REPOSITORY
 from actors.runtime import process_table
 from actors.runtime.errors import AcrcError
-from actors.runtime.process import FinalNote
-from actors.runtime.recording import read_notes
 from deploy.hosts import certificates
 
 HERE: Final = "10.77.0.1"
@@ -307,5 +304,5 @@ def _measure_swarm(
 
 def _cpu_s(recording: Path) -> float:
     """Return the CPU time of an actor from its first to its last step, s."""
-    note = msgspec.json.decode(read_notes(recording)["final"], type=FinalNote)
+    note = final_note(recording)
     return note.cpu_s - note.startup_cpu_s

@@ -15,6 +15,7 @@ from typing import Annotated, Any, Final, Literal
 import msgspec
 import numpy as np
 
+from acrc_testbed.explanation.episodes import true_intervals
 from actors.array_types import Flags, Floats, Int64s, Singles, UInt16s
 from actors.floor.grid import OccupancyGrid
 from actors.floor.map_file import MapError, load_map
@@ -306,11 +307,8 @@ class FilterRun:
     @property
     def spells(self) -> list[bool]:
         """True if the robot reported each lost interval."""
-        edges = np.flatnonzero(
-            np.diff(np.concatenate(([False], self.errors > LOST_ERROR, [False])).astype(int))
-        )
-        pairs = zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True)
-        return [bool(self.announced[begin:end].any()) for begin, end in pairs if end - begin >= LOST_STEPS]
+        lost = true_intervals(self.errors > LOST_ERROR, LOST_STEPS)
+        return [bool(self.announced[begin:end].any()) for begin, end in lost]
 
     @property
     def false_alarms(self) -> int:

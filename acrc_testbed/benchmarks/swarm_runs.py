@@ -19,11 +19,11 @@ from types import CodeType
 from typing import Any, Final, Literal
 from unittest.mock import patch
 
-import msgspec
 import numpy as np
 from msgspec.structs import replace
 from numba import carray, cfunc, types
 
+from acrc_testbed.benchmarks.benchmark_result import final_note
 from acrc_testbed.results.result import RunResult
 from actors.array_types import Int64s
 from actors.floor.map_file import load_map
@@ -31,8 +31,6 @@ from actors.floor.placement import draw_points
 from actors.installation.repository import PACKAGES, REPOSITORY, SHIPPED
 from actors.instant import in_seconds
 from actors.messages import Progress
-from actors.runtime.process import FinalNote
-from actors.runtime.recording import read_notes
 from actors.runtime.shell import MemoryBus, Shell, run_shells
 from deploy.run import memory_swarm, swarm
 from deploy.run.options import RunOptions
@@ -366,10 +364,7 @@ def _mesh_run(count: int, task: SwarmTask) -> _MeshRun:
     parent: list[float] = []
     with plan_run(count, task, "zenoh") as plan:
         result = swarm.run_processes(plan, "forkserver", lambda progress: parent.append(time.process_time()))
-        finals = {
-            path.stem: msgspec.json.decode(read_notes(path)["final"], type=FinalNote)
-            for path in plan.out.glob("*/*.mcap")
-        }
+        finals = {path.stem: final_note(path) for path in plan.out.glob("*/*.mcap")}
     by_actor = dict.fromkeys(KINDS, 0.0)
     for actor, final in finals.items():
         by_actor[process_kind(actor)] += final.cpu_s - final.startup_cpu_s

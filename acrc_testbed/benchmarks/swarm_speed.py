@@ -202,7 +202,6 @@ def speed_goals(swarms: Sequence[SwarmFigures]) -> list[SpeedGoal]:
 
 
 def _output(task: SwarmTask, swarms: Sequence[SwarmFigures], goals: Sequence[SpeedGoal]) -> list[Table | str]:
-    meshes = {one.robots: one.mesh for one in swarms if one.mesh}
     speeds = (
         f"{task.scenario.name}, over Zenoh: median (least-greatest) of {task.repeat}; CPU ms per robot and "
         "simulated second;\nyardstick: CPU ms of fixed work"
@@ -213,9 +212,9 @@ def _output(task: SwarmTask, swarms: Sequence[SwarmFigures], goals: Sequence[Spe
         _package_table(swarms),
         make_table(air, "radio traffic per robot and simulated second", ".2f"),
     ]
-    if meshes:
+    if rows := [row for one in swarms if one.mesh for row in _process_rows(one.robots, one.mesh)]:
         title = "processes: CPU ms per robot and simulated second; MB of memory, sum by kind"
-        tables.append(make_table([row for each in meshes.items() for row in _process_rows(*each)], title))
+        tables.append(make_table(rows, title))
     return [*tables, *map(str, goals)]
 
 

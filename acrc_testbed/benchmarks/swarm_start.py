@@ -10,20 +10,18 @@ from pathlib import Path
 from statistics import median
 from typing import Final
 
-import msgspec
 from rich.table import Table
 
 from acrc_testbed.benchmarks.benchmark_result import (
     BenchmarkResult,
     SpeedGoal,
+    final_note,
     make_table,
     max_goal,
     run_timed,
 )
 from actors.installation.repository import clone
-from actors.runtime.process import FinalNote
 from actors.runtime.process_setup import SETUP
-from actors.runtime.recording import read_notes
 
 ROBOTS: Final = (4, 20, 100)
 _STEP_GOAL_S: Final = 2.5
@@ -101,8 +99,7 @@ def _time_phases(acrc: str, robots: int) -> dict[str, float]:
         outputs = [acrc, "run", "--robots", str(robots), "--duration", "1", "--json", "--out", str(out)]
         enter = time.time()
         cost = run_timed(outputs, Path(folder))
-        notes = read_notes(out / "world" / "world.mcap")
-        first = msgspec.json.decode(notes["final"], type=FinalNote).started_s
+        first = final_note(out / "world" / "world.mcap").started_s
         planned = first - float(json.loads(cost.output)["startup_s"])
         stamps = {
             "imports, planning": planned,

@@ -145,30 +145,30 @@ class LocalPool:
         return future.result()
 
 
+@dataclass(frozen=True)
 class DaskPool:
     """Pool of the worker threads of a cluster."""
 
-    def __init__(self, client: "Client", address: str, jobs: int, commit: str, patience_s: float) -> None:
-        self._client = client
-        self._executor: Executor = client.get_executor(pure=False)
-        self._address = address
-        self._jobs = jobs
-        self._commit = commit
-        self._patience_s = patience_s
+    client: "Client"
+    executor: Executor
+    address: str
+    jobs: int
+    commit: str
+    patience_s: float
 
     @property
     def slots(self) -> int:
         """Number of concurrent trials; follows the number of workers. Raises ClusterError."""
         try:
-            threads = sum(self._client.nthreads().values())
+            threads = sum(self.client.nthreads().values())
         except Exception as error:  # a lost connection may raise anything
             raise self._lost(error) from None
-        return self._jobs or max(threads, 1)
+        return self.jobs or max(threads, 1)
 
     def submit(self, order: TrialOrder) -> "Future[TrialOutcome]":
         """Submit a trial."""
-        task = WorkerTask(msgspec.json.encode(order), self._commit, str(REPOSITORY), self._patience_s)
-        return self._executor.submit(run_on_worker, task)
+        task = WorkerTask(msgspec.json.encode(order), self.commit, str(REPOSITORY), self.patience_s)
+        return self.executor.submit(run_on_worker, task)
 
     def outcome(self, future: "Future[TrialOutcome]") -> TrialOutcome:
         """Return the outcome of an ended trial. Raises ClusterError for a lost or unsuitable cluster."""
@@ -183,19 +183,19 @@ class DaskPool:
         except (Exception, CancelledError) as error:  # a lost connection may raise anything
             raise self._lost(error) from None
         if answer.refusal:
-            raise ClusterError(f"--on {self._address}: {answer.refusal}")
+            raise ClusterError(f"--on {self.address}: {answer.refusal}")
         return answer
 
     def close(self) -> None:
         """Cancel unfinished trials."""
-        self._executor.shutdown(wait=False)
+        self.executor.shutdown(wait=False)
 
     def _lost(self, error: BaseException) -> Exception:
         from deploy.hosts.connection import ClusterError
 
         lines = str(error).splitlines()
         return ClusterError(
-            f"--on {self._address}: lost connection to the cluster ({lines[0] if lines else error!r});"
+            f"--on {self.address}: lost connection to the cluster ({lines[0] if lines else error!r});"
             " repeat the command to resume"
         )
 
@@ -214,7 +214,7 @@ def trial_pool(jobs: int, patience_s: float, on: str | None, commit: str) -> Ite
         from deploy.hosts.connection import TIMEOUT_S, connect
 
         client = connect(on)
-        pool = DaskPool(client, on, jobs, commit, patience_s)
+        pool = DaskPool(client, client.get_executor(pure=False), on, jobs, commit, patience_s)
         try:
             yield pool
         finally:

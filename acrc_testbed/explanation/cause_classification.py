@@ -76,6 +76,7 @@ def _ring_members(rootless: Flags, before: Int32s) -> Flags:
 
 
 CAUSES: Final = tuple(Cause)
+_NUMBERS: Final = {cause: number for number, cause in enumerate(CAUSES)}
 _UNDECIDED: Final = 255
 _MOST_OWN: Final = 100
 """Most causes of a task, as a recording may declare any number."""
@@ -103,7 +104,7 @@ class CauseTable:
 
     def has_cause(self, *causes: Cause) -> Flags:
         """Return where one of these is the cause, (steps, robots)."""
-        return np.isin(self.causes, [CAUSES.index(cause) for cause in causes])
+        return np.isin(self.causes, [_NUMBERS[cause] for cause in causes])
 
 
 def classify(
@@ -148,17 +149,17 @@ def _independent_causes(states: RobotStates, walled: Flags, task: Causes) -> Cau
         (Cause.LOST, states.lost),
         (Cause.IDLE, states.done),
     ):  # later rows override earlier ones
-        own[where] = CAUSES.index(cause)
+        own[where] = _NUMBERS[cause]
     own = np.where(task == _UNDECIDED, own, task)
     for cause, where in ((Cause.OFF, ~states.on), (Cause.FROZEN, states.frozen)):
-        own[where] = CAUSES.index(cause)
+        own[where] = _NUMBERS[cause]
     return own
 
 
 def _floor_causes(states: RobotStates, stuck: Flags, before: Int32s) -> Causes:
     """Return CLOSED_DOOR or UNREACHABLE where the floor blocks the path to the goal; else _UNDECIDED."""
     causes = np.full(stuck.shape, _UNDECIDED, np.uint8)
-    closed, unreachable = CAUSES.index(Cause.CLOSED_DOOR), CAUSES.index(Cause.UNREACHABLE)
+    closed, unreachable = _NUMBERS[Cause.CLOSED_DOOR], _NUMBERS[Cause.UNREACHABLE]
     for robot in range(stuck.shape[1]):
         for rows, goal, stage in states.pursuits(robot, stuck[:, robot]):
             if goal is None:
@@ -219,34 +220,34 @@ def _propagate_causes(
     causes = alone.copy()
     rows, robots = np.nonzero((before != NO_ROBOT) & (found.root != NO_ROBOT))
     root = found.root[rows, robots]
-    at_root = np.where(_stays_put(states, own)[rows, root], alone[rows, root], CAUSES.index(Cause.DRIVING))
+    at_root = np.where(_stays_put(states, own)[rows, root], alone[rows, root], _NUMBERS[Cause.DRIVING])
     causes[rows, robots] = np.where(
         at_root < len(CAUSES), _WAITING_CAUSE[np.minimum(at_root, len(CAUSES) - 1)], _OPEN_FLOOR
     )
-    gets_on = causes == CAUSES.index(Cause.OPEN_FLOOR)
-    causes[gets_on & found.at_door] = CAUSES.index(Cause.DOOR)
-    causes[gets_on & states.moves_to_and_fro] = CAUSES.index(Cause.LIVELOCK)
+    gets_on = causes == _OPEN_FLOOR
+    causes[gets_on & found.at_door] = _NUMBERS[Cause.DOOR]
+    causes[gets_on & states.moves_to_and_fro] = _NUMBERS[Cause.LIVELOCK]
     waits = before != NO_ROBOT
-    vague = waits & is_barred & np.isin(causes, [CAUSES.index(cause) for cause in _OVERRIDABLE])
+    vague = waits & is_barred & np.isin(causes, [_NUMBERS[cause] for cause in _OVERRIDABLE])
     causes[vague] = barred[vague]
     in_ring = waits & (found.root == NO_ROBOT)
     moving = with_waiting_robots(found.ring & states.drives_to_and_fro, np.where(in_ring, before, NO_ROBOT))
-    causes[in_ring] = CAUSES.index(Cause.DEADLOCK)
-    causes[in_ring & moving] = CAUSES.index(Cause.LIVELOCK)
+    causes[in_ring] = _NUMBERS[Cause.DEADLOCK]
+    causes[in_ring & moving] = _NUMBERS[Cause.LIVELOCK]
     return causes, found
 
 
-_OPEN_FLOOR: Final = CAUSES.index(Cause.OPEN_FLOOR)
+_OPEN_FLOOR: Final = _NUMBERS[Cause.OPEN_FLOOR]
 _WAITING_CAUSE: Final = np.array(
     [
-        CAUSES.index(
+        _NUMBERS[
             {
                 Cause.OFF: Cause.BY_DEAD,
                 Cause.FROZEN: Cause.BY_DEAD,
                 Cause.IDLE: Cause.DONE_IN_WAY,
                 Cause.DRIVING: Cause.OPEN_FLOOR,
             }.get(cause, cause)
-        )
+        ]
         for cause in CAUSES
     ],
     np.uint8,
@@ -258,17 +259,17 @@ _OVERRIDABLE: Final = (Cause.DOOR, Cause.OPEN_FLOOR, Cause.NO_PROGRESS, Cause.NO
 
 def _single_causes(states: RobotStates, own: Causes, barred: Causes) -> Causes:
     """Return the causes of single robots, without regard to others."""
-    causes = np.full(own.shape, CAUSES.index(Cause.DRIVING), np.uint8)
-    causes[states.stands_long] = CAUSES.index(Cause.NO_PROGRESS)
-    causes[states.moves_to_and_fro] = CAUSES.index(Cause.LIVELOCK)
-    causes[states.planless] = CAUSES.index(Cause.NO_PLAN)
+    causes = np.full(own.shape, _NUMBERS[Cause.DRIVING], np.uint8)
+    causes[states.stands_long] = _NUMBERS[Cause.NO_PROGRESS]
+    causes[states.moves_to_and_fro] = _NUMBERS[Cause.LIVELOCK]
+    causes[states.planless] = _NUMBERS[Cause.NO_PLAN]
     causes = np.where(barred != _UNDECIDED, barred, causes)
     return np.where(own != _UNDECIDED, own, causes)
 
 
 def _stays_put(states: RobotStates, own: Causes) -> Flags:
     """Return where a robot stays in the way of others, (steps, robots)."""
-    ended = np.isin(own, [CAUSES.index(cause) for cause in (Cause.OFF, Cause.FROZEN)])
+    ended = np.isin(own, [_NUMBERS[cause] for cause in (Cause.OFF, Cause.FROZEN)])
     return states.stands | states.moves_to_and_fro | ended
 
 

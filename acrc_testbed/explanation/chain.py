@@ -328,12 +328,12 @@ class ChainBuilder:
         yield _link(change.instant, kind, f"{what}, by {by}", depth, about)
         if words:
             yield _link(change.instant, "state", f"changes: {text}", depth + 1, {})
-        if change.read is not None:
-            yield from self._replica(change.read, depth + 1)
-        yield from self._own(number, depth + 1)
+        yield from self._causes(number, depth + 1)
 
-    def _own(self, number: int, depth: int) -> Iterator[CauseLink]:
-        """Yield the causes of a change in the component's own knowledge."""
+    def _causes(self, number: int, depth: int) -> Iterator[CauseLink]:
+        """Yield the causes of a change: the replica that it used, then the component's own knowledge."""
+        if (read := self._trace.changes[number].read) is not None:
+            yield from self._replica(read, depth)
         runs = [run for run in preceding_changes(self._trace.changes, number) if run.last not in self._linked]
         by_change: dict[int, list[ChangeRun]] = {}
         for run in runs[:_MAX_FIELDS]:
@@ -353,11 +353,8 @@ class ChainBuilder:
         }  # fmt: skip
         with_peer = f" with {change.peer}" if change.peer else ""
         yield _link(change.instant, "state", f"{text}, by {change.by}{with_peer}", depth, about)
-        if depth >= _MAX_DEPTH:
-            return
-        if change.read is not None:
-            yield from self._replica(change.read, depth + 1)
-        yield from self._own(number, depth + 1)
+        if depth < _MAX_DEPTH:
+            yield from self._causes(number, depth + 1)
 
     def _since(self, run: ChangeRun) -> str:
         text = f"{_field_text(run.field)} {_change_text(*self._pair(run))}"

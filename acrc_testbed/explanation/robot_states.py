@@ -44,7 +44,7 @@ class RobotStates:
         )
         """(steps, robots): number of the current goal; NO_GOAL: none or unknown."""
         self.on = run.stepping
-        self.frozen = np.zeros_like(self.on) if run.frozen is None else run.frozen
+        self.frozen = run.frozen
         self.stands = self._standing(self.on, STANDARD.pause_s)
         unknown = np.array([one.goals is None for one in self._reports])
         self.wants = ((self.goal != NO_GOAL) | unknown) & run.busy & self.on
@@ -53,12 +53,10 @@ class RobotStates:
         """It stands although it has a goal."""
         self.stands_long = self._standing(self.wants, STANDARD.turn_s)
         self.done = self.stands & ~run.busy
+        least = min(self._steps(STANDARD.pause_s), steps)
         self.strategy_idle = _columns(
-            _long_only(
-                self.stands[:, index] & ~self.wants[:, index] & run.busy[:, index],
-                self._steps(STANDARD.pause_s),
-            )
-            for index in range(len(self._reports))
+            _mask_of(true_intervals(idles, least), steps)
+            for idles in (self.stands & ~self.wants & run.busy).T
         )
         """It stands with items left, but without a goal."""
         self.planless = _columns(interval_mask(one.planless, run) for one in self._reports) & self.wants
@@ -196,19 +194,16 @@ def estimates_in_walls(run: RunData, grid: OccupancyGrid) -> Flags:
 
 
 def _lost(error: Floats) -> Flags:
-    is_lost = np.zeros(error.size, np.bool_)
-    if np.nanmax(error, initial=0.0) > STANDARD.lost:
-        for begin, end in lost_intervals(error):
-            is_lost[begin:end] = True
-    return is_lost
+    may_be_lost = np.nanmax(error, initial=0.0) > STANDARD.lost
+    return _mask_of(lost_intervals(error) if may_be_lost else (), error.size)
 
 
-def _long_only(mask: Flags, least: int) -> Flags:
-    """Return the mask reduced to intervals of at least `least` samples."""
-    reduced = np.zeros_like(mask)
-    for begin, end in true_intervals(mask, min(least, len(mask))):
-        reduced[begin:end] = True
-    return reduced
+def _mask_of(intervals: Iterable[Episode], steps: int) -> Flags:
+    """Return the mask, (steps,), that is True in these intervals."""
+    mask = np.zeros(steps, np.bool_)
+    for begin, end in intervals:
+        mask[begin:end] = True
+    return mask
 
 
 def _columns(parts: Iterable[Flags]) -> Flags:

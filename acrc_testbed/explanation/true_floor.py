@@ -234,6 +234,7 @@ class TrueFloor:
         self.passages = Passages(grid, radius, STANDARD.neck)
         self._radius, self._reach = radius, STANDARD.reported
         self._changes = changes
+        self._path_cache: dict[bytes, FloorPaths] = {}
 
     def stages(self) -> list[FloorStage]:
         """Return all stages in order."""
@@ -278,10 +279,6 @@ class TrueFloor:
             floor = replace(self.grid, cells=cells) if occupied.any() else self.grid
             self._path_cache[key] = FloorPaths(floor, self._radius, self._reach)
         return self._path_cache[key]
-
-    @cached_property
-    def _path_cache(self) -> dict[bytes, FloorPaths]:
-        return {}
 
     def _distances_from(self, object_: FloorObject) -> Floats:
         """Return the distances of cells from a line or a point, (rows, columns), m."""

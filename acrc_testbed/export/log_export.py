@@ -29,7 +29,7 @@ class LogReport:
     """Missing or unknown data, a sentence each."""
 
 
-def log_run(out: Path, path: Path, robots: Sequence[str] = ()) -> LogReport:
+def log_run(out: Path, path: Path, robots: Sequence[str]) -> LogReport:
     """Write the log of a simulated or hardware run to a new file.
 
     `robots`: log all data of these, and only the poses of others; empty: of all. Raises OptionError for an
@@ -38,7 +38,7 @@ def log_run(out: Path, path: Path, robots: Sequence[str] = ()) -> LogReport:
     if path.exists() or path.is_symlink():
         raise OptionError(f"--out: {path} exists; give a new file")
     files = all_recordings(out)
-    run = whole_run(out, internals=True)
+    run = whole_run(out)
     for robot in robots:
         if robot not in run.robots:
             raise wrong_value("--robot", robot, f"one of {', '.join(run.robots)}")

@@ -51,21 +51,17 @@ def tables(out: Path) -> RunTables:
     found |= {name: [] for name in INTERNALS}
     for one in run.internals:
         head = (one.process.robot, one.process.actor)
-        for name, rows in _robot_rows(run, one).items():
+        tables = (
+            _estimates(run, one),
+            _goals(run, one),
+            _knowledge(one),
+            _exchanges(run, one),
+            _decisions(one),
+        )
+        for name, rows in zip(INTERNALS, tables, strict=True):
             found[name] += [(*row[:2], *head, *row[2:]) for row in rows]
     found |= {name: sorted(found[name], key=lambda row: int(row[0])) for name in INTERNALS}
     return RunTables(task, found)
-
-
-def _robot_rows(run: RunData, one: RobotInternals) -> Tables:
-    """Return the rows of one robot process by table."""
-    return {
-        "estimates": list(_estimates(run, one)),
-        "goals": list(_goals(run, one)),
-        "knowledge": list(_knowledge(one)),
-        "exchanges": list(_exchanges(run, one)),
-        "decisions": list(_decisions(one)),
-    }
 
 
 def _step_cells(run: RunData, step: int) -> Row:

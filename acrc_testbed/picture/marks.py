@@ -89,18 +89,18 @@ def _place_label(axes: Axes, label: PointLabel, boxes: Sequence[Bbox], covered: 
             continue
         cost = extra / 6.0 + _COVER_COST * _count_inside(box, covered)
         if best_place is None or cost < best_place[0]:
-            best_place = cost, dx, dy, extra
+            best_place = cost, dx, dy, extra, box
     if best_place is None:
         text.remove()
         return None
-    _, dx, dy, extra = best_place
+    _, dx, dy, extra, box = best_place
     text.set_position((dx, dy))
     if extra > _MIN_LINE:
         line = {"arrowstyle": "-", "color": label.colour, "lw": 0.6, "shrinkA": 1.0, "shrinkB": 1.0}
         axes.annotate(
             "", (label.x, label.y), xytext=(dx, dy), textcoords="offset points", arrowprops=line, zorder=8
         )
-    return text_box.translated(dx * pixels, dy * pixels)
+    return box
 
 
 def _count_inside(box: Bbox, points: Floats) -> int:

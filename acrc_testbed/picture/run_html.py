@@ -83,7 +83,9 @@ def _time_table(run: RunData, intervals: Sequence[CauseInterval]) -> PageTable:
         for robot in run.robots
     ]
     columns = ["robot", *(f"{kind}, s" for kind in kinds), *events]
-    return _table(f"Seconds by cause, and numbers of {task.items}, per robot.", columns, rows, 1)
+    return _table(
+        f"Seconds by cause, and numbers of {task.items}, per robot.", columns, rows, range(1, len(columns))
+    )
 
 
 def _blocked_table(intervals: Sequence[CauseInterval]) -> PageTable:
@@ -92,7 +94,7 @@ def _blocked_table(intervals: Sequence[CauseInterval]) -> PageTable:
         for x, y, lasted in sorted(floor_picture.blocked_positions(intervals), key=lambda one: -one[2])
     ]
     return _table("Positions where robots waited for others, with total duration.",
-                  ["x, m", "y, m", "duration, s"], rows, 0)  # fmt: skip
+                  ["x, m", "y, m", "duration, s"], rows, range(3))  # fmt: skip
 
 
 def _event_table(run: RunData, intervals: Sequence[CauseInterval]) -> PageTable:
@@ -101,7 +103,7 @@ def _event_table(run: RunData, intervals: Sequence[CauseInterval]) -> PageTable:
     events = [(one.second, one.robot, one.words) for one in ordered_changes(run)]
     events += [(one.begin, one.robot, f"is {one.cause} until {one.end:g} s") for one in stopped]
     rows = [[f"{second:.1f}", robot, words] for second, robot, words in sorted(events)]
-    return _table("Events and orders.", ["time, s", "robot", "event"], rows, -1, numbers=(0,))
+    return _table("Events and orders.", ["time, s", "robot", "event"], rows, (0,))
 
 
 def _decision_table(run: RunData) -> PageTable:
@@ -113,7 +115,7 @@ def _decision_table(run: RunData) -> PageTable:
     ]
     columns = ["time, s", "robot", "decision", "by", "knowledge of", "age, s"]
     caption = "Decisions of the adaptation. For their causes, run `acrc explain OUT ROBOT@S`."
-    return _table(caption, columns, rows, -1, numbers=(0, 5))
+    return _table(caption, columns, rows, (0, 5))
 
 
 def _item_table(run: RunData) -> PageTable:
@@ -122,7 +124,7 @@ def _item_table(run: RunData) -> PageTable:
     rows = [[_cell(row.get(column.name)) for column in task.columns] for row in run.items]
     columns = [column.name.replace("_", " ") for column in task.columns]
     numbers = [index for index, column in enumerate(task.columns) if column.type in ("integer", "number")]
-    return _table(f"All {task.items}.", columns, rows, -1, numbers=numbers)
+    return _table(f"All {task.items}.", columns, rows, numbers)
 
 
 def _cell(value: Value) -> str:
@@ -132,7 +134,7 @@ def _cell(value: Value) -> str:
 def _radio_table(run: RunData) -> PageTable:
     counts = {} if run.result is None else run.result.frames
     rows = [[name.replace("_", " "), str(count)] for name, count in counts.items() if count]
-    return _table("Outcomes of frames, and of each frame at each other robot.", ["", "count"], rows, 1)
+    return _table("Outcomes of frames, and of each frame at each other robot.", ["", "count"], rows, (1,))
 
 
 def _reproduction_sentences(run: RunData) -> Iterator[str]:
@@ -149,9 +151,8 @@ def _table(
     caption: str,
     columns: Sequence[str],
     rows: Sequence[Sequence[str]],
-    first: int,
-    numbers: Sequence[int] = (),
+    numbers: Sequence[int],
 ) -> PageTable:
-    """Return a table; numeric columns are those from `first` on, or `numbers` if `first` is negative."""
-    numeric = [index >= first if first >= 0 else index in numbers for index in range(len(columns))]
+    """Return a table; `numbers`: indices of numeric columns."""
+    numeric = [index in numbers for index in range(len(columns))]
     return PageTable(caption, columns, rows, numeric, folded=len(rows) > _FEW_ROWS)

@@ -244,7 +244,7 @@ def _compare(key: str, recordings: Sequence[RecordingContents]) -> int:
     for parts in receivers.values():
         received = _trail(parts, "in", key)
         if sent != received:
-            missing += _compare_stamps(key, senders, parts, Counter(_stamps(sent)), received)
+            missing += _compare_stamps(key, senders, parts, Counter(STAMP.iter_unpack(sent)), received)
     return missing if receivers else len(sent) // STAMP.size
 
 
@@ -257,32 +257,27 @@ def _compare_stamps(
 ) -> int:
     """Return how many of the stamps `pending` were not received. Raises CheckError for an unknown one."""
     known, sender = min((_last_known_step(contents) for contents in senders), default=-1), senders[0].actor
-    for stamp in _stamps(received):
+    names = " and ".join(contents.actor for contents in receivers)
+    for stamp in STAMP.iter_unpack(received):
         step, _ = stamp
         if pending[stamp] > 0:
             pending[stamp] -= 1
         elif step <= known:
-            names = " and ".join(contents.actor for contents in receivers)
             what = "differs from what" if any(other == step for other, _ in pending) else "is not among what"
             raise CheckError(f"step {step}: a message that {names} received on {key} {what} {sender} sent")
     unread = sum(contents.final.unread for contents in receivers if contents.final is not None)
     missing = pending.total()
-    if _ended_by_clock(senders, receivers) and missing:
-        last = max((step for step, _ in _stamps(received)), default=-1)
+    on_hardware = any("." in contents.robot for contents in (*senders, *receivers))
+    if on_hardware and missing:  # no process waits for the last message
+        last = max((step for step, _ in STAMP.iter_unpack(received)), default=-1)
         if min(step for step, _ in pending.elements()) > last:
             return missing  # in flight when the receiver exited
     if all(contents.final is not None for contents in (*senders, *receivers)) and missing > unread:
-        names = " and ".join(contents.actor for contents in receivers)
         raise CheckError(
             f"{key}: {missing - unread} messages of {sender} were not received by {names}, "
             f"the first one in step {min(step for step, _ in pending.elements())}"
         )
     return missing
-
-
-def _ended_by_clock(senders: Sequence[RecordingContents], receivers: Sequence[RecordingContents]) -> bool:
-    """Return True on hardware, where no process waits for the last message."""
-    return any("." in contents.robot for contents in (*senders, *receivers))
 
 
 def _last_known_step(contents: RecordingContents) -> int:
@@ -294,10 +289,6 @@ def _last_known_step(contents: RecordingContents) -> int:
 
 def _trail(recordings: Sequence[RecordingContents], direction: Direction, key: str) -> bytes:
     return b"".join(contents.trails[direction, key] for contents in recordings)
-
-
-def _stamps(trail: bytes) -> Iterator[tuple[int, bytes]]:
-    yield from STAMP.iter_unpack(trail)
 
 
 def _compare_result(out: Path, digest: str, recordings: Sequence[RecordingContents]) -> None:

@@ -8,6 +8,7 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import ExitStack
 from enum import Enum
 from fnmatch import fnmatchcase
+from operator import attrgetter
 from pathlib import Path
 from typing import Any, Final, NamedTuple, Self
 
@@ -106,7 +107,7 @@ def follow(target: Path, patterns: Sequence[str], ended: Callable[[], bool]) -> 
                 if path not in readers:
                     readers[path] = stack.enter_context(GrowingRecording(path))
             for one in heapq.merge(
-                *(_matching(each, patterns, is_single) for each in readers.values()), key=_step_of
+                *(_matching(each, patterns, is_single) for each in readers.values()), key=attrgetter("step")
             ):
                 found = True
                 yield one
@@ -192,10 +193,6 @@ def _matching(growing: GrowingRecording, patterns: Sequence[str], is_single: boo
             is_single or (one.direction == "out") == _is_from_sender(one.key)
         ):
             yield one
-
-
-def _step_of(one: LoggedMessage) -> int:
-    return one.step
 
 
 def is_closed(path: Path) -> bool:

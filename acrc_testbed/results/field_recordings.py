@@ -1,5 +1,6 @@
 """Recordings of a field trial: files, robots and messages."""
 
+import glob
 import hashlib
 import os
 import re
@@ -156,9 +157,7 @@ class RobotLog:
 _TOPICS: Final = (SENSES, RECEIVED, DRIVE, TRANSMIT)
 
 
-def read_log(
-    path: Path, identity: RobotIdentity, full: Mapping[bytes, bytes], *, senses: bool = False
-) -> RobotLog:
+def read_log(path: Path, identity: RobotIdentity, full: Mapping[bytes, bytes], *, senses: bool) -> RobotLog:
     """Read a robot's recording up to its end or the first damage.
 
     `full`: messages that other processes recorded in full, by SHA-256; `senses`: keep the sensor data.
@@ -349,17 +348,13 @@ def _recordings(folders: Iterable[Path]) -> list[Path]:
             )
         own = sorted(folder.glob("*.mcap"))
         resolved = folder.absolute()
-        siblings = sorted(resolved.parent.glob(f"{_escaped_pattern(resolved.name)}.*/*.mcap")) if own else []
+        siblings = sorted(resolved.parent.glob(f"{glob.escape(resolved.name)}.*/*.mcap")) if own else []
         inside = sorted(folder.glob("*/*.mcap"))
         if not own and not inside:
             raise FieldTrialError(f"{folder}: no recordings (*.mcap or */*.mcap)")
         for path in (*own, *inside, *siblings):
             recordings.setdefault(Path(os.path.realpath(path)), path)
     return list(recordings.values())
-
-
-def _escaped_pattern(name: str) -> str:
-    return re.sub(r"([*?[])", r"[\1]", name)
 
 
 def _first_record(path: Path, notes: list[str]) -> RunNote | None:

@@ -36,7 +36,7 @@ def field_trial_result(
     clocks: AlignedClocks,
     judgement: TrialVerdict,
     out: Path | None,
-    truth: "LaboratoryResult | None" = None,
+    truth: "LaboratoryResult | None",
 ) -> RunResult:
     """Compute the result from the robots' recordings.
 

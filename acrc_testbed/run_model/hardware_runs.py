@@ -4,7 +4,7 @@ from collections.abc import Iterator, Mapping
 from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
-from typing import Final, NamedTuple
+from typing import Final
 
 import numpy as np
 
@@ -33,21 +33,18 @@ _MARGIN: Final = 2.0
 _CELL: Final = 0.1
 
 
-def whole_run(out: Path, *, internals: bool = False) -> RunData:
-    """Return the recorded part of a simulated or hardware run. Raises an AcrcError.
-
-    `internals`: include the robots' introspection.
-    """
+def whole_run(out: Path) -> RunData:
+    """Return the recorded part of a simulated or hardware run, with introspection. Raises an AcrcError."""
     if "world" not in recordings(out):
-        return collected_run(out, internals=internals)
-    run = recorded_run(out, internals=internals)
+        return collected_run(out)
+    run = recorded_run(out, internals=True)
     if (out / "run.json").is_file():
         return run
     title = f"{run.description.title}, {recorded_span(out, run.end)}"
     return replace(run, description=replace(run.description, title=title))
 
 
-def collected_run(out: Path, *, internals: bool = False) -> RunData:
+def collected_run(out: Path) -> RunData:
     """Read a folder with the robots' folders. Raises FieldTrialError if they are not of one trial."""
     trial = read_field_trial([out])
     clocks = AlignedClocks(trial)
@@ -79,8 +76,6 @@ def collected_run(out: Path, *, internals: bool = False) -> RunData:
         RecordedProcess(log.path.stem, log.identity.id, times[id(log)].seconds) for log in trial.all_logs()
     ]
     run = replace(model.take_reports(clocks.span / 1e6, processes), items=judgement.outcome.items)
-    if not internals:
-        return run
     return replace(run, internals=tuple(map(_introspection, trial.all_logs(), processes)))
 
 
@@ -118,20 +113,12 @@ class TrialClock:
         return round(float(self.seconds(np.array([instant], np.int64))[0]) * 1e6)
 
 
-class TimedMessage(NamedTuple):
-    """A message with the start of its step by the run's clock, s."""
-
-    second: float
-    key: str
-    message: Message
-
-
-def _messages(trial: FieldTrial, times: Mapping[int, TrialClock]) -> Iterator[TimedMessage]:
-    """Yield the robots' messages with all instants converted to the trial's clock."""
+def _messages(trial: FieldTrial, times: Mapping[int, TrialClock]) -> Iterator[tuple[float, str, Message]]:
+    """Yield the start of the step, s, key and message, with all instants converted to the trial's clock."""
     for log in trial.all_logs():
         own = times[id(log)]
         for tick, key, message in log.messages:
-            yield TimedMessage(float(own.ticks[tick]), key, convert_instants(message, own.instant))
+            yield float(own.ticks[tick]), key, convert_instants(message, own.instant)
 
 
 def _state_changes(trial: FieldTrial, times: Mapping[int, TrialClock]) -> Iterator[tuple[str, float, str]]:

@@ -77,7 +77,7 @@ _SPREAD: Final = {"mean_per_robot": WHITE, "percentile_10": GREY, "percentile_90
 class Plots:
     """Plots of a run, drawn part by part."""
 
-    def __init__(self, canvas: Canvas, *, true: bool, batteries: bool = False) -> None:
+    def __init__(self, canvas: Canvas, *, true: bool, batteries: bool) -> None:
         """Set up the lines; `true`: the run has ground truth, `batteries`: it simulates batteries."""
         self._canvas, self._true, self._batteries = canvas, true, batteries
         self._done = dict.fromkeys(canvas.robots, 0)
@@ -223,7 +223,7 @@ class RobotLane:
         self._lane = panels.Lane(canvas, robot)
         self._back: list[float] = []
         """Times when it became active again, s, not drawn yet."""
-        self._last: LaneActivity | None = None
+        self._last: list[LaneActivity] = []
         self._deadlocks: Sequence[tuple[float, float]] = ()
 
     def set_deadlocks(self, intervals: Sequence[tuple[float, float]]) -> None:
@@ -241,13 +241,13 @@ class RobotLane:
 
     def draw_activities(self, activities: Sequence[LaneActivity], until: float) -> None:
         """Draw the robot's own activities until an instant, s."""
-        known = [*([] if self._last is None else [self._last]), *activities]
+        known = [*self._last, *activities]
         back = []
         for second in [one for one in self._back if one <= until]:
             self._back.remove(second)
             before = [one for one in known if one.second <= second]
             back += [before[-1]._replace(second=second)] if before else []
-        self._last = known[-1] if known else None
+        self._last = known[-1:]
         if activities or back:
             self._lane.draw(panels.drop_short(with_deadlocks(sorted((*activities, *back)), self._deadlocks)))
 

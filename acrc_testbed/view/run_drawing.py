@@ -80,7 +80,7 @@ class ProcessDrawing:
         self._canvas, self._robot, self._path, self._lane = canvas, robot, path, lane
         self._is_detailed, self._has_goals = is_detailed, has_goals
         self._events = ProcessEvents(robot)
-        self._last: ActivityChange | None = None
+        self._last: list[ActivityChange] = []
         self._line_due: float | None = None
         self._age_times: dict[str, tuple[float, float]] = {}
         """By peer: next time of the plot of its age, and last reception, s."""
@@ -107,7 +107,7 @@ class ProcessDrawing:
 
     def _draw_goals(self, activities: Sequence[ActivityChange], until: float) -> None:
         """Draw the robot's goal twice a second."""
-        known = [*([] if self._last is None else [self._last]), *activities]
+        known = [*self._last, *activities]
         if not known:
             return
         begins = np.array([one.second for one in known], np.float64)
@@ -115,7 +115,7 @@ class ProcessDrawing:
         first = begins[0] if self._line_due is None else self._line_due
         lines = np.arange(first, until, _LINE_S)
         self._line_due = float(first + len(lines) * _LINE_S)
-        self._last = known[-1]
+        self._last = known[-1:]
         seconds = np.union1d(lines, begins if len(known) == len(activities) else begins[1:])
         if not len(seconds):
             return
@@ -231,7 +231,7 @@ class RunDrawing:
         panels.draw_events(canvas, "recorded", list(self._event_texts.events(run)))
         self._draw_adoptions(run)
 
-    def draw_copies(self, copies: FrameCopies, until: float, *, last: bool = True) -> None:
+    def draw_copies(self, copies: FrameCopies, until: float, *, last: bool) -> None:
         """Draw outcomes of frames up to an instant, s: rings at losses, and counts by outcome.
 
         `last`: nothing will follow.

@@ -215,7 +215,7 @@ def _follow_steps(out: Path, view: LiveView, sheet: ViewFile, opened: OpenViewer
 
 def _read_runs(folders: Sequence[Path], say: Say) -> list[RunData]:
     """Read runs; report up to when those without an end are drawn."""
-    runs = [whole_run(folder, internals=True) for folder in folders]
+    runs = [whole_run(folder) for folder in folders]
     for run in runs:
         if run_state(run.out) is not RunState.ENDED:
             say(partial_run_sentence(run.out, run.end))

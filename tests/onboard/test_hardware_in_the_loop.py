@@ -90,7 +90,7 @@ def test_three_robots_clean_their_places_one_of_them_without_a_board(tmp_path: P
     assert setup["without_board"] == ["r3"]
     links = [out / f"r{number}.radio" / "setup.json" for number in (1, 2, 3)]
     assert [json.loads(link.read_text())["actor"]["board"] for link in links] == [True, True, False]
-    internals = whole_run(out, internals=True).internals
+    internals = whole_run(out).internals
     assert {one.process.robot for one in internals if one.is_recorded and one.commits} == {"r1", "r2", "r3"}
     (aligned,) = (one for one in internals if one.process.robot == "r1")
     with OnboardReader(out, "r1") as reader:

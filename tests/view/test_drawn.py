@@ -139,7 +139,7 @@ def test_two_runs_share_a_timeline(folder: Path, view: View, tmp_path: Path) -> 
 def test_recordings_of_robots_alone(folder: Path, evidence: RunData, tmp_path: Path) -> None:
     for robot in ("r1", "r2"):
         copytree(folder / robot, tmp_path / "trial" / robot)
-    run = whole_run(tmp_path / "trial", internals=True)
+    run = whole_run(tmp_path / "trial")
     assert not run.description.has_truth and run.robots == ("r1", "r2")
     assert len(run.heard) == len(evidence.heard) > 0
     seen = [[(event.kind, event.key) for event in one.task_events] for one in (run, evidence)]

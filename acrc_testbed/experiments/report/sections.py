@@ -51,7 +51,7 @@ def _box_plot(
     table: str,
     more: Callable[[Group], Row] = lambda group: {},
     limit: tuple[float, str] | None = None,
-    near: bool = False,
+    near: bool,
 ) -> tuple[PagePicture, PageTable]:
     """Draw box plots of one quantity, and write its table.
 
