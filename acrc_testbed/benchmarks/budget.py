@@ -75,12 +75,10 @@ class CountedSteps:
         return float(self.seconds // 3)
 
     @property
-    def tasks(self) -> tuple[SwarmTask, SwarmTask]:
+    def tasks(self) -> tuple[SwarmTask, ...]:
         """The shorter run and the longer one."""
-        return (
-            SwarmTask((ROBOTS,), self.first_s, None, seed=_SEED),
-            SwarmTask((ROBOTS,), self.seconds, None, seed=_SEED),
-        )
+        lengths_s = (self.first_s, self.seconds)
+        return tuple(SwarmTask((ROBOTS,), length_s, None, seed=_SEED) for length_s in lengths_s)
 
     def per_step(self, short: Mapping[str, float], long: Mapping[str, float]) -> dict[str, float]:
         """Return the difference of two runs per robot-step by name, the greatest first."""

@@ -8,7 +8,7 @@ import time
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from statistics import median
-from typing import Final
+from typing import Any, Final
 
 from rich.table import Table
 
@@ -57,17 +57,13 @@ def measure(robots: Sequence[int] = ROBOTS, repeat: int = 10) -> BenchmarkResult
     return BenchmarkResult({"commands": commands, "first_step": runs}, shown)
 
 
-def _goals(
-    commands: Sequence[Mapping[str, object]], runs: Sequence[Mapping[str, object]]
-) -> Iterator[SpeedGoal]:
+def _goals(commands: Sequence[Mapping[str, Any]], runs: Sequence[Mapping[str, Any]]) -> Iterator[SpeedGoal]:
     for row in commands:
-        command = str(row["command"])
-        yield max_goal(f"s for acrc {command}", float(str(row["s"])), _COMMANDS[command])
+        command = row["command"]
+        yield max_goal(f"s for acrc {command}", row["s"], _COMMANDS[command])
     for row in runs:
         if row["robots"] == ROBOTS[0]:
-            yield max_goal(
-                f"s until the first step of {row['robots']} robots", float(str(row["all s"])), _STEP_GOAL_S
-            )
+            yield max_goal(f"s until the first step of {row['robots']} robots", row["all s"], _STEP_GOAL_S)
 
 
 def _time_command(acrc: str, command: str, run: Path, root: Path, repeat: int) -> dict[str, float]:

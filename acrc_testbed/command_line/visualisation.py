@@ -59,7 +59,7 @@ def demo(
     pictures = [options.out / "demo.png", options.out / "demo.svg"]
     with out_folder.convert_write_errors(options.out):
         for picture in pictures:
-            run_page.write_several(runs, picture)
+            run_page.write(runs, picture)
     sentences = start.demonstration_lines(results, len(runs[-1].taken_over), pictures)
     answer(sentences, {"out": options.out, "pictures": pictures, "results": results}, json=json)
     if not json and sys.stdout.isatty() and (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
@@ -231,14 +231,12 @@ def _draw(folders: Sequence[Path], pages: Sequence[Path], movie: Path | None, sp
         _warn_if_incomplete(folder, one)
     for page in pages:
         with out_folder.convert_write_errors(page.parent):
-            if others:
-                run_page.write_several(runs, page)
-            elif page.suffix == ".html":
+            if page.suffix == ".html":  # of a single run
                 from acrc_testbed.picture import run_html
 
                 run_html.write(run, page)
             else:
-                run_page.write(run, page)
+                run_page.write(runs, page)
     if movie is None:
         return pages
     with out_folder.convert_write_errors(movie.parent):

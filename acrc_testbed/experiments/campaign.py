@@ -1,7 +1,5 @@
 """Execution of a campaign: order of trials, resumption, progress, and tables of results."""
 
-import csv
-import io
 import shlex
 import time
 from collections import deque
@@ -28,7 +26,7 @@ from acrc_testbed.experiments.trial_record import (
     write_durably,
     write_json,
 )
-from acrc_testbed.results.outcome import outcome_means
+from acrc_testbed.results.outcome import csv_text, outcome_means
 from actors.processes.signals import signals_as_interrupts
 from actors.runtime import regular_file
 from deploy.scenario.tables import inline_toml
@@ -220,13 +218,9 @@ def write_tables(store: Store) -> tuple[Path, Path]:
     table = columns(store)
     binary = pyarrow.BufferOutputStream()
     parquet.write_table(pyarrow.table(table), binary)
-    text = io.StringIO(newline="")
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(table)
-    writer.writerows(zip(*table.values(), strict=True))
     paths = store.folder / "results.parquet", store.folder / "results.csv"
-    for path, content in zip(paths, (binary.getvalue().to_pybytes(), text.getvalue().encode()), strict=True):
-        write_durably(path, content)
+    write_durably(paths[0], binary.getvalue().to_pybytes())
+    write_durably(paths[1], csv_text([table, *zip(*table.values(), strict=True)]).encode())
     return paths
 
 

@@ -138,7 +138,7 @@ class Store:
         """Return the path of a trial's record."""
         return self.folder / _TRIALS / f"{trial.name}.json"
 
-    def log(self, trial: Trial, *, check: bool = False) -> Path:
+    def log(self, trial: Trial, *, check: bool) -> Path:
         """Return the path of the log of a trial's process, or of its repetition."""
         return self.folder / _LOGS / f"{trial.name}{'-check' if check else ''}.log"
 

@@ -59,10 +59,10 @@ def run_trial_order(order: TrialOrder, out: Path) -> TrialRecord:
     set_task_folders([Path(one) for one in order.task_modules])
     trial = order.trial
     settings, fault = attempt(partial(draw_settings, order.study, trial))
-    result, time, seconds = None, None, ""
+    done = None
     if settings is not None:
         done, fault = attempt(partial(_run, order, settings, out))
-        result, time, seconds = done or (None, None, "")
+    result, time, seconds = done or (None, None, "")
     return TrialRecord(
         strategy=trial.strategy,
         seed=trial.seed,

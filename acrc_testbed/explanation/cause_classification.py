@@ -102,10 +102,6 @@ class CauseTable:
     names: tuple[str, ...] = CAUSES
     """CAUSES, then those of the task."""
 
-    def has_cause(self, *causes: Cause) -> Flags:
-        """Return where one of these is the cause, (steps, robots)."""
-        return np.isin(self.causes, [_NUMBERS[cause] for cause in causes])
-
 
 def classify(
     run: RunData,
@@ -302,7 +298,8 @@ def deadlocks(run: RunData, classified: CauseTable) -> DeadlockCount:
     """Count pairs in a deadlock of at least `deadlock_s`, and those resolved before the end."""
     max_gap, least = (seconds(each) // run.step_us for each in (STANDARD.pause_s, STANDARD.deadlock_s))
     steps, pairs, free = len(run.true), 0, 0
-    for mask in _pairs(classified, classified.ring & classified.has_cause(Cause.DEADLOCK)).values():
+    in_deadlock = classified.ring & (classified.causes == _NUMBERS[Cause.DEADLOCK])
+    for mask in _pairs(classified, in_deadlock).values():
         for episode in true_intervals(_close_gaps(mask, max_gap), least):
             pairs += 1
             free += episode.end < steps

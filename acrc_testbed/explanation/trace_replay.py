@@ -84,9 +84,7 @@ def trace_here(out: Path, actor: str, replay_options: ReplayOptions) -> CausalTr
 def main(argv: Sequence[str]) -> int:
     """Write the trace of one robot; return the exit code."""
     parser = sandboxed_replay.argument_parser(_PROGRAM)
-    parser.add_argument(
-        "--file-mb", type=int, default=BOUNDS.max_bytes // 1_000_000, help="limit of the answer"
-    )
+    parser.add_argument("--file-mb", type=int, required=True, help="limit of the answer")
     options = parser.parse_args(argv)
     with sandboxed_replay.open_answer(options, options.file_mb) as answer:
         try:

@@ -113,7 +113,7 @@ class Passages:
 
     def __init__(self, grid: OccupancyGrid, radius: float, neck: float = 0.0) -> None:
         """`radius`, m; `neck`: narrower passages between rooms count for `at`, too, m."""
-        self.grid = self._grid = grid
+        self._grid = grid
         self._radius = radius
         self._floor = largest_region(grid, radius)
         self._centres = grid.centres()

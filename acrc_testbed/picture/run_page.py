@@ -154,12 +154,6 @@ def draw(run: RunData) -> Figure:
     return figure
 
 
-def write(run: RunData, path: Path) -> None:
-    """Write the page as a PNG or SVG file."""
-    with style.context(style.LOOK):
-        style.save(draw(run), path)
-
-
 def done_events(run: RunData) -> list[TaskEvent]:
     """Return the first event of each item of the kind `TaskDeclaration.done`, by time."""
     first: dict[ItemKey | TaskEvent, TaskEvent] = {}
@@ -270,10 +264,10 @@ def draw_several(runs: Sequence[RunData]) -> Figure:
     return figure
 
 
-def write_several(runs: Sequence[RunData], path: Path) -> None:
-    """Write several runs side by side as a PNG or SVG file."""
+def write(runs: Sequence[RunData], path: Path) -> None:
+    """Write the page of a run, or several runs side by side, as a PNG or SVG file."""
     with style.context(style.LOOK):
-        style.save(draw_several(runs), path)
+        style.save(draw_several(runs) if runs[1:] else draw(runs[0]), path)
 
 
 def _view(run: RunData) -> tuple[Floats, Floats]:

@@ -25,7 +25,8 @@ def recordings(out: Path) -> dict[str, Path]:
     with an unexpected name.
     """
     found: dict[str, Path] = {}
-    for path in sorted(out.glob("*/*.mcap"), key=_order):
+    # by folder, then by restart number
+    for path in sorted(out.glob("*/*.mcap"), key=lambda path: (path.parent.name, len(path.stem), path.stem)):
         actor, folder = path.stem, path.parent
         if folder.is_symlink():
             raise RecordingError(f"{folder}: is a symbolic link; a run's folders must not be links")
@@ -49,11 +50,6 @@ def all_recordings(out: Path) -> dict[str, Path]:
     if left := remote_recordings(out):
         raise RecordingError(fetch_sentence(out, left))
     return recordings(out)
-
-
-def _order(path: Path) -> tuple[str, int, str]:
-    """Return the sort key of a recording: folder, then restart number."""
-    return (path.parent.name, len(path.stem), path.stem)
 
 
 class RecordedOrder(NamedTuple):

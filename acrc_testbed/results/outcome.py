@@ -1,6 +1,7 @@
 """Robots' final reports: strategy outcomes, counters of deeco nodes, navigation, items."""
 
 import csv
+import io
 import math
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
@@ -172,8 +173,14 @@ def navigation_result(reports: Iterable[NavigationReport]) -> NavigationResult:
 
 
 def write_items(items: Iterable[Mapping[str, Value]], columns: Sequence[Column], path: Path) -> None:
-    """Write the task's table of items as CSV; empty fields for None."""
-    with regular_file.atomic_replacement(path) as part, part.open("w", encoding="utf-8", newline="") as file:
-        writer = csv.writer(file, lineterminator="\n")
-        writer.writerow(column.name for column in columns)
-        writer.writerows([item.get(column.name) for column in columns] for item in items)
+    """Write the task's table of items as CSV."""
+    names = [column.name for column in columns]
+    rows = ([item.get(name) for name in names] for item in items)
+    regular_file.write_atomically(path, csv_text([names, *rows]).encode())
+
+
+def csv_text(rows: Iterable[Iterable[object]]) -> str:
+    """Return rows as CSV; empty fields for None."""
+    text = io.StringIO(newline="")
+    csv.writer(text, lineterminator="\n").writerows(rows)
+    return text.getvalue()

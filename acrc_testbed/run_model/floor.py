@@ -81,7 +81,7 @@ class FloorHistory:
                 break
             for one in changes.get(second, ()):
                 self._apply(one)
-            now = (*self._objects(), *self._active_jammers(second))
+            now = tuple(self._objects(second))
             if now != self._state:
                 self._state = now
                 yield second, now
@@ -92,12 +92,11 @@ class FloorHistory:
             self._things.pop(number, None)
         self._things.update((one.number, one) for one in changed.put)
 
-    def _objects(self) -> Iterator[FloorObject]:
+    def _objects(self, second: float) -> Iterator[FloorObject]:
+        """Yield the objects put there so far, then the jammers that are active at an instant, s."""
         for one in self._things.values():
             if one.kind != "closing door":
                 yield FloorObject(one.kind, one.points, one.radius)
-
-    def _active_jammers(self, second: float) -> Iterator[FloorObject]:
         for begin, jam in self._jams:
             if begin <= second < in_seconds(jam.until):
                 yield FloorObject("jammer", ((jam.x, jam.y),), jam.radius)

@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Iterable, Iterator, Sequence
+from operator import itemgetter
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -51,9 +52,7 @@ class FrameCopies(NamedTuple):
 
     def select(self, which: Flags) -> "FrameCopies":
         """Return the copies selected by a mask, (n,)."""
-        return FrameCopies(
-            self.seconds[which], self.senders[which], self.receivers[which], self.outcomes[which]
-        )
+        return FrameCopies(*map(itemgetter(which), self))
 
 
 NO_COPIES: Final = FrameCopies(np.zeros(0), *(np.zeros(0, np.int64) for _ in range(3)))

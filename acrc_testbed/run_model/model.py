@@ -86,7 +86,8 @@ class RunModel:
         )
         self._floor = FloorHistory(description.step_us)
         self._frames: list[FrameOutcomes] = []
-        self._truths: list[Truth] = []
+        self.truths: list[Truth] = []
+        """Steps with ground truth that were not returned yet."""
         self._drives: list[tuple[str, Drive]] = []
         self._rows: dict[str, list[tuple[float, ...]]] = {}
         """Rows without ground truth, by robot: s, estimated pose, commanded velocity."""
@@ -105,11 +106,6 @@ class RunModel:
         """Everything before this instant has been returned, s."""
         self.step = -1
         """Last step that was returned."""
-
-    @property
-    def truths(self) -> Sequence[Truth]:
-        """Steps with ground truth that were not returned yet."""
-        return self._truths
 
     def extend(self, key: str, message: Message, second: float | None = None) -> None:
         """Add one message; `second`: start of its step, if the step's number does not determine it.
@@ -154,8 +150,8 @@ class RunModel:
         self, until: int, *, last: bool = False, processes: Sequence[RecordedProcess] = ()
     ) -> RunData:
         """Remove and return the steps up to `until`; `last`: nothing will follow."""
-        truths = [one for one in self._truths if one.step <= until]
-        self._truths = self._truths[len(truths) :]
+        truths = [one for one in self.truths if one.step <= until]
+        self.truths = self.truths[len(truths) :]
         seconds = np.array([in_seconds(one.instant) for one in truths], np.float64)
         if truths:
             self.step = truths[-1].step
@@ -181,7 +177,7 @@ class RunModel:
             columns,
             {
                 robot: Trajectory(
-                    seconds, true[:, i], estimated[:, i], commanded[:, i], self._take_changes(robot)
+                    seconds, true[:, i], estimated[:, i], commanded[:, i], tuple(self._changes.pop(robot, ()))
                 )
                 for i, robot in enumerate(robots)
             },
@@ -207,7 +203,7 @@ class RunModel:
         trajectories = {}
         for robot in self.description.robots:
             table = np.array(self._rows.pop(robot, []), np.float64).reshape(-1, 7)
-            poses, states = table[:, 1:4], self._take_changes(robot)
+            poses, states = table[:, 1:4], tuple(self._changes.pop(robot, ()))
             trajectories[robot] = Trajectory(table[:, 0], poses, poses, table[:, 4:], states)
         columns = step_columns(0, len(trajectories))
         return self._run_data(
@@ -253,7 +249,7 @@ class RunModel:
             return
         if tuple(robot.id for robot in truth.robots) != self.description.robots:
             raise RunDataError("the set of robots changes between steps")
-        self._truths.append(truth)
+        self.truths.append(truth)
 
     def _add_report(self, robot: str, drive: Drive, second: float) -> None:
         self._reports.extend(robot, drive, second)
@@ -280,9 +276,6 @@ class RunModel:
             tuple((second, mark) for second, changed in now for mark in changed.marks),
             tuple(sorted(events, key=attrgetter("instant"))),
         )
-
-    def _take_changes(self, robot: str) -> tuple[tuple[float, str], ...]:
-        return tuple(self._changes.pop(robot, ()))
 
     def _take_heard(self, until: int | None) -> Any:
         """Remove and return the frames received up to a step; None: all."""

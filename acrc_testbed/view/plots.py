@@ -224,11 +224,8 @@ class RobotLane:
         self._back: list[float] = []
         """Times when it became active again, s, not drawn yet."""
         self._last: list[LaneActivity] = []
-        self._deadlocks: Sequence[tuple[float, float]] = ()
-
-    def set_deadlocks(self, intervals: Sequence[tuple[float, float]]) -> None:
-        """Set the intervals of deadlocks, s."""
-        self._deadlocks = intervals
+        self.deadlocks: Sequence[tuple[float, float]] = ()
+        """Intervals of deadlocks, s."""
 
     def end(self, second: float) -> None:
         """End the lane at an instant, s."""
@@ -249,7 +246,7 @@ class RobotLane:
             back += [before[-1]._replace(second=second)] if before else []
         self._last = known[-1:]
         if activities or back:
-            self._lane.draw(panels.drop_short(with_deadlocks(sorted((*activities, *back)), self._deadlocks)))
+            self._lane.draw(panels.drop_short(with_deadlocks(sorted((*activities, *back)), self.deadlocks)))
 
 
 def with_deadlocks(

@@ -297,7 +297,7 @@ class RunDrawing:
             if one.cause == Cause.DEADLOCK:
                 found.setdefault(one.robot, []).append((one.begin, one.end))
         for robot, intervals in found.items():
-            self._lanes[robot].set_deadlocks(intervals)
+            self._lanes[robot].deadlocks = intervals
         source = [DrawnEvent(begin, robot, "is in a deadlock", "ERROR") for robot, intervals in found.items()
                 for begin, _ in intervals]  # fmt: skip
         panels.draw_events(self._canvas, "truth", source)

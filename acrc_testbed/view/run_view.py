@@ -95,13 +95,12 @@ def draw_runs(
     robots: Sequence[str],
     send_to: str | None,
     say: Say,
-    began: float | None = None,
+    began: float,
 ) -> bool:
     """Draw runs side by side into `path`, which appears once it is complete, and to a viewer.
 
     `began`: start of the command by the monotonic clock, s.
     """
-    began = time.monotonic() if began is None else began
     detailed = [detailed_robots(run.robots, robots) for run in runs]
     arranged = [arrangement(run, each) for run, each in zip(runs, detailed, strict=True)]
     if runs[1:]:  # the longest run sets the time axis of all

@@ -149,7 +149,7 @@ def test_recordings_of_robots_alone(folder: Path, evidence: RunData, tmp_path: P
     held = evidence.estimated[:, 0]
     known = np.isfinite(run.trajectories["r1"].poses[:, 0])
     np.testing.assert_allclose(run.trajectories["r1"].poses[known], held[np.isfinite(held[:, 0])])
-    assert draw_runs([run], tmp_path / "trial.rrd", (), None, lambda sentence: None)
+    assert draw_runs([run], tmp_path / "trial.rrd", (), None, lambda sentence: None, 0.0)
     found = rows(tmp_path / "trial.rrd")
     assert "/inside/r1/scan" in found and "/plots/error/r1" not in found
     assert "/plots/copies/heard" not in found

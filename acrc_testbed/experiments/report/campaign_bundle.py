@@ -1,8 +1,6 @@
 """Bundle of a campaign: results, inputs, software, README and citation in one ZIP file."""
 
-import csv
 import hashlib
-import io
 import json
 import subprocess
 import zipfile
@@ -19,6 +17,7 @@ from acrc_testbed.experiments.report import report_page
 from acrc_testbed.experiments.store import Store, load_store
 from acrc_testbed.experiments.study import variant_text
 from acrc_testbed.experiments.trial_record import TrialRecord
+from acrc_testbed.results.outcome import csv_text
 from acrc_testbed.results.seal import SUMS, checksum_lines
 from actors.installation.repository import IS_CLONE, REPOSITORY, SHIPPED
 from actors.processes.launcher import scratch_folder
@@ -209,13 +208,11 @@ def _report_files(folder: Path) -> Iterator[tuple[str, bytes]]:
 
 
 def _digest_table(records: Sequence[TrialRecord]) -> bytes:
-    into = io.StringIO()
-    writer = csv.writer(into, lineterminator="\n")
-    writer.writerow(("strategy", "seed", "variant", "digest"))
+    rows: list[tuple[object, ...]] = [("strategy", "seed", "variant", "digest")]
     for record in records:
         digest = record.result.digest if record.result is not None else "failed"
-        writer.writerow((record.strategy, record.seed, variant_text(record.variant.items()), digest))
-    return into.getvalue().encode()
+        rows.append((record.strategy, record.seed, variant_text(record.variant.items()), digest))
+    return csv_text(rows).encode()
 
 
 def _git_output(*arguments: str) -> bytes | None:

@@ -1,7 +1,5 @@
 """Runs of a report grouped by condition and strategy, and writers of its pictures and tables."""
 
-import csv
-import io
 import itertools
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -22,6 +20,7 @@ from acrc_testbed.experiments.study import Study, variant_text
 from acrc_testbed.experiments.trial_record import TrialRecord
 from acrc_testbed.explanation.time_spent import TimeSpent
 from acrc_testbed.picture.html_page import PagePicture, PageTable
+from acrc_testbed.results.outcome import csv_text
 from acrc_testbed.results.result import RunResult
 from actors.runtime import regular_file, typed_json
 from actors.runtime.errors import AcrcError
@@ -271,19 +270,15 @@ def _number_text(value: float, digits: int) -> str:
 def _csv(columns: Sequence[str], rows: Sequence[Sequence[Cell]]) -> str:
     """Return rows as CSV; an interval has three columns."""
     intervals = [any(isinstance(cell, Interval) for cell in column) for column in zip(*rows, strict=True)]
-    into = io.StringIO()
-    writer = csv.writer(into, lineterminator="\n")
     heads = (
         (name, f"{name}, low", f"{name}, high")[: 3 if wide else 1]
         for name, wide in zip(columns, intervals, strict=True)
     )
-    writer.writerow(itertools.chain.from_iterable(heads))
-    for row in rows:
-        cells = (
-            _interval_cells(cell) if wide else (cell,) for cell, wide in zip(row, intervals, strict=True)
-        )
-        writer.writerow(itertools.chain.from_iterable(cells))
-    return into.getvalue()
+    cells = (
+        (_interval_cells(cell) if wide else (cell,) for cell, wide in zip(row, intervals, strict=True))
+        for row in rows
+    )
+    return csv_text(map(itertools.chain.from_iterable, (heads, *cells)))
 
 
 def _interval_cells(cell: Cell) -> Sequence[Cell]:
