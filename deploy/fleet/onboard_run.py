@@ -12,7 +12,7 @@ from collections.abc import Callable, Mapping
 from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
-from typing import Final, Protocol
+from typing import Final
 
 import msgspec
 
@@ -180,14 +180,7 @@ class OnboardSupervisor(Supervisor):
                 self._say(f"{name}: {loss}")
 
 
-class ClosableStop(guardian.StopHandler, Protocol):
-    """A sender of stop commands with a connection of its own."""
-
-    def close(self) -> None:
-        """Close the connection."""
-
-
-def connect_stop(base: str | Ros2Base) -> ClosableStop:
+def connect_stop(base: str | Ros2Base) -> guardian.StopHandler:
     """Open a connection for stop commands to a Kobuki's port or a ROS 2 robot. Raises OSError."""
     if isinstance(base, str):
         return guardian.SerialStop(guardian.open_port(base))
@@ -199,11 +192,11 @@ def connect_stop(base: str | Ros2Base) -> ClosableStop:
 class FallbackStop:
     """Fallback that sends stop commands to the base while the base process is suspended."""
 
-    def __init__(self, connect: Callable[[], ClosableStop], say: Say) -> None:
+    def __init__(self, connect: Callable[[], guardian.StopHandler], say: Say) -> None:
         """`connect`: opens a connection to the base, or raises OSError. `say`: called with log messages."""
         self._connect = connect
         self._say = say
-        self._sender: ClosableStop | None = None
+        self._sender: guardian.StopHandler | None = None
 
     def update(self, base: int | None) -> None:
         """Send a stop command if the process with PID `base` is suspended; does not block."""

@@ -24,6 +24,7 @@ from firmware_bridge.ros2.names import (
     Endpoint,
     EndpointKind,
     QosProfile,
+    endpoints_of,
     key_mapping,
     resolve,
     token_gid,
@@ -143,7 +144,7 @@ def findings(base: Ros2Base, model: RobotModel, seen: GraphState) -> Iterator[Do
     periods = {"scan": 1 / model.sensor.rate, "odom": in_seconds(model.kobuki_errors.feedback)}
     for name, kind in TOPIC_TYPES.items():
         topic, traffic = base.topic(name), seen.traffic.get(name, TopicTraffic())
-        publishers = _of(endpoints, topic, EndpointKind.PUBLISHER)
+        publishers = endpoints_of(endpoints, topic, EndpointKind.PUBLISHER)
         fault = _type_fault(publishers, kind, name) or traffic.fault
         if not fault and name in _DRIVERS:
             fault = _rate_fault(name, publishers, traffic, _LEAST_RATE / periods[name])
@@ -165,10 +166,6 @@ def _endpoints(bridge: Bridge, domain: int, tokens: Sequence[str]) -> list[Endpo
     prefix = mapping.graph.partition("*")[0]
     found = [mapping.parse_token(token) for token in tokens if token.startswith(prefix)]
     return [one for one in found if one is not None and one.topic]
-
-
-def _of(endpoints: Sequence[Endpoint], topic: str, kind: EndpointKind) -> list[Endpoint]:
-    return [one for one in endpoints if (one.topic, one.kind) == (topic, kind)]
 
 
 def _graph_fault(base: Ros2Base, endpoints: Sequence[Endpoint], tokens: Sequence[str]) -> str:
@@ -229,7 +226,7 @@ def _command_findings(
 ) -> Iterator[DoctorFinding]:
     """Return the findings about the subscription to velocity commands, and about other publishers of them."""
     topic = base.topic("command")
-    subscribers = _of(endpoints, topic, EndpointKind.SUBSCRIPTION)
+    subscribers = endpoints_of(endpoints, topic, EndpointKind.SUBSCRIPTION)
     chosen = choose_type(subscribers, base.command)
     if isinstance(chosen, CommandFault):
         yield _finding("command", f"{topic}: {chosen.cause.value}; {chosen.sentence}", "")

@@ -7,7 +7,7 @@ from typing import Any, Final
 
 from actors import orders
 from actors.floor.grid import OccupancyGrid
-from actors.floor.placement import Area, areas_named, has_free_floor
+from actors.floor.placement import has_free_floor
 from actors.geometry import wrap
 from actors.instant import Instant, in_seconds, milliseconds, seconds
 from actors.orders import Order
@@ -79,12 +79,6 @@ def people_area_tables(scenario: Scenario) -> tuple[AreaTable, ...]:
         return people.area or scenario.area
     tables = {table.name: table for table in scenario.area}
     return tuple(tables[name] for name in people.areas)
-
-
-def start_areas(scenario: Scenario) -> tuple[Area, ...] | None:
-    """Return the areas in which starts are drawn; None: on all free floor."""
-    names = scenario.robots.areas
-    return None if names is None else areas_named(scenario.areas, names)
 
 
 def item_area_tables(scenario: Scenario) -> tuple[AreaTable, ...]:

@@ -99,7 +99,7 @@ def grid_size(grid: OccupancyGrid) -> dict[str, float]:
 
 def narrow_places(count: int) -> str:
     """Return a number of narrow places as text."""
-    return "1 narrow place" if count == 1 else f"{count or 'no'} narrow place{'s' * (count > 1)}"
+    return f"{count or 'no'} narrow place{'s' * (count > 1)}"
 
 
 def survey_map(path: Path) -> MapSurvey:

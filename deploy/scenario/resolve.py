@@ -12,7 +12,7 @@ from actors import wording
 from actors.floor.doors import DoorError, Doorways
 from actors.floor.grid import OCCUPIED, OccupancyGrid
 from actors.floor.map_file import load_map
-from actors.floor.placement import PlacementError, check_pose, draw_points
+from actors.floor.placement import PlacementError, areas_named, check_pose, draw_points
 from actors.geometry import Point, Pose, wrap
 from actors.instant import milliseconds, seconds
 from actors.radio import radio_model
@@ -35,7 +35,6 @@ from deploy.scenario.events import (
     item_area_tables,
     people_area_tables,
     scenario_task,
-    start_areas,
     timed_orders,
 )
 from deploy.scenario.tables import RobotTable, Scenario
@@ -270,6 +269,7 @@ def starts(grid: OccupancyGrid, specs: Sequence[RobotSpec], scenario: Scenario) 
 def _draw_start(
     grid: OccupancyGrid, spec: RobotSpec, scenario: Scenario, taken: Sequence[Point], floor: Point | None
 ) -> Point:
+    names = scenario.robots.areas
     try:
         (point,) = draw_points(
             grid,
@@ -280,10 +280,10 @@ def _draw_start(
             keep_off=taken,
             start=floor,
             passage=spec.radius,
-            areas=start_areas(scenario),
+            areas=None if names is None else areas_named(scenario.areas, names),
         )
     except PlacementError as error:
-        where = "" if scenario.robots.areas is None else " in robots.areas"
+        where = "" if names is None else " in robots.areas"
         raise LayoutError(
             f"no start for robot {spec.id}{where} beside {len(taken)} others: {error}"
         ) from error

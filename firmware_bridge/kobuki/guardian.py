@@ -120,6 +120,9 @@ class StopHandler(Protocol):
     def send(self) -> bool:
         """Send one stop command and receive feedback; return False if the connection is lost."""
 
+    def close(self) -> None:
+        """Close the connection."""
+
 
 class SerialStop:
     """Sender of stop commands to a Kobuki's port."""

@@ -21,8 +21,7 @@ from actors.instant import Instant, milliseconds
 from actors.portable import atan, tan
 from actors.robot_model import RangeSensor as SensorModel
 from actors.runtime.errors import AcrcError
-from firmware_bridge.range_sensors.sensor import REACH, RangeReader, RepetitionDetector, SensorSweep
-from firmware_bridge.safety import HoldCause
+from firmware_bridge.range_sensors.sensor import REACH, RangeReader, SensorSweep
 from firmware_bridge.serial_port import Say, changed_only
 
 WIDTH, HEIGHT = 640, 480
@@ -54,7 +53,7 @@ class DepthScanner(RangeReader):
 
     def __init__(self, model: SensorModel) -> None:
         """Create it. Raises DepthError if the camera's field of view is narrower than the model's rays."""
-        super().__init__(model)
+        super().__init__(model, _KEPT, _REPEATED, _REPEATED)
         slopes = column_slopes()
         self._angles = -np.array([atan(slope) for slope in slopes.tolist()])
         self._lengths = np.sqrt(1.0 + slopes * slopes) / 1000
@@ -65,12 +64,6 @@ class DepthScanner(RangeReader):
                 f"{model.field_of_view_deg:g}°; choose a sensor within the camera's field of view"
             )
         self._seen: Instant | None = None
-        self._repeats = RepetitionDetector(_KEPT, _REPEATED, _REPEATED)
-
-    @property
-    def fault(self) -> HoldCause | None:
-        """REPEATED_DATA if earlier images are repeated, which noise prevents in a working camera."""
-        return HoldCause.REPEATED_DATA if self._repeats.found else None
 
     def is_measuring(self, now: Instant) -> bool:
         """Return whether a recent image has echoes."""

@@ -16,13 +16,7 @@ import numpy as np
 from actors.array_types import Floats
 from actors.instant import Instant, milliseconds
 from actors.robot_model import RangeSensor as SensorModel
-from firmware_bridge.range_sensors.sensor import (
-    FrozenBeamDetector,
-    RangeReader,
-    RepetitionDetector,
-    SensorSweep,
-)
-from firmware_bridge.safety import HoldCause
+from firmware_bridge.range_sensors.sensor import MIN_ECHOES, SECTORS, RangeReader, SensorSweep
 
 REQUEST: Final = 0xA5
 
@@ -154,14 +148,6 @@ class SampleReader:
 
 _NOTICEABLE_Q6: Final = 10 * 64
 """Change of the angle that shows a rotating head, 1/64°."""
-SECTORS: Final = 12
-"""Number of parts of a turn for detecting repetition: 30 samples of an A1 each, 15 ms."""
-MIN_ECHOES: Final = 10
-"""Minimum number of echoes in a compared part."""
-KEPT_TURNS: Final = 64
-"""Number of earlier turns for comparison, 12 s of an A1; own choice."""
-REPEATED: Final = 4
-"""Repeated parts in the last turn that are a fault; own choice: 60 ms."""
 PATIENCE: Final = milliseconds(1000)
 """Timeout of answers and samples after which the lidar is restarted; own choice, five turns."""
 _PAUSE: Final = milliseconds(20)
@@ -214,8 +200,6 @@ class Rplidar(RangeReader):
         """Angle and distance of each sample of this turn; None before the first turn."""
         self._turn_began = started
         self._sector: list[Sample] = []
-        self._repeats = RepetitionDetector(SECTORS * KEPT_TURNS, SECTORS, REPEATED)
-        self._still = FrozenBeamDetector()
         self._alive = started
         """Time of the last valid data."""
         self._echo: Instant | None = None
@@ -228,13 +212,6 @@ class Rplidar(RangeReader):
         self._entered = started
         self.counts = RplidarCounts()
         self.health: Health | None = None
-
-    @property
-    def fault(self) -> HoldCause | None:
-        """REPEATED_DATA for repeated data, SCAN_PART for a constant part of the turn."""
-        if self._repeats.found:
-            return HoldCause.REPEATED_DATA
-        return HoldCause.SCAN_PART if self._still.found else None
 
     def is_measuring(self, now: Instant) -> bool:
         """Return whether the head rotates and there are echoes."""

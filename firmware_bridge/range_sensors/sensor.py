@@ -93,11 +93,30 @@ class ScanRays:
         return np.where(np.minimum(ahead, behind) <= self._reach, nearest, np.inf)
 
 
-class RangeReader(ABC):
-    """Latest scan and sweep of a range sensor; base class of the drivers."""
+SECTORS: Final = 12
+"""Number of parts of a turn for detecting repetition: 30 samples of an A1 each, 15 ms."""
+MIN_ECHOES: Final = 10
+"""Minimum number of echoes in a compared part."""
+_KEPT_TURNS: Final = 64
+"""Number of earlier turns for comparison, 12 s of an A1; own choice."""
+_REPEATED: Final = 4
+"""Repeated parts in the last turn that are a fault; own choice: 60 ms."""
 
-    def __init__(self, model: RangeSensor) -> None:
+
+class RangeReader(ABC):
+    """Latest scan and sweep of a range sensor, and faults of its data; base class of the drivers."""
+
+    def __init__(
+        self,
+        model: RangeSensor,
+        stored: int = SECTORS * _KEPT_TURNS,
+        window: int = SECTORS,
+        maximum: int = _REPEATED,
+    ) -> None:
+        """Create it; `stored`, `window`, `maximum`: as of RepetitionDetector, by default for turns."""
         self.rays = ScanRays(model)
+        self._repeats = RepetitionDetector(stored, window, maximum)
+        self._still = FrozenBeamDetector()
         self._scan: Scan | None = None
         self._sweep: SensorSweep | None = None
 
@@ -106,9 +125,11 @@ class RangeReader(ABC):
         """Return whether it measures and has echoes."""
 
     @property
-    @abstractmethod
     def fault(self) -> HoldCause | None:
-        """Fault shown by its data alone: repetition of all or part of it."""
+        """REPEATED_DATA for repeated data, SCAN_PART for a constant part of the turn; None: none."""
+        if self._repeats.found:
+            return HoldCause.REPEATED_DATA
+        return HoldCause.SCAN_PART if self._still.found else None
 
     def scan(self) -> Scan | None:
         """Return the latest scan, once."""

@@ -12,8 +12,7 @@ from typing import Any, Final
 from actors.instant import Instant, in_seconds, milliseconds, seconds
 from actors.robot_model import RobotModel
 from firmware_bridge.base_feedback import DriveLimits
-from firmware_bridge.ros2 import message_types
-from firmware_bridge.ros2.message_types import InvalidMessageError
+from firmware_bridge.ros2.message_types import TOPIC_TYPES, InvalidMessageError
 from firmware_bridge.ros2.received import decode_sample
 from firmware_bridge.ros2.robot_clock import NO_TIME, RobotClock
 from firmware_bridge.ros2.robot_feedback import (
@@ -85,24 +84,22 @@ class RobotDriver(BaseDriver):
         """Last reason for refusing a message, by topic."""
         self._held: set[HoldCause] = set()
         self.charge: float | None = None
-        self._handlers: dict[str, tuple[str, Callable[[Instant, Any], None]]] = {
-            "hazards": (message_types.HAZARDS, self._take_hazards),
-            "dock": (message_types.DOCK, lambda now, one: self.hold(HoldCause.DOCKED, one.is_docked)),
-            "wheels": (
-                message_types.WHEELS,
-                lambda now, one: self.hold(HoldCause.WHEELS_DISABLED, not one.wheels_enabled),
-            ),
-            "battery": (message_types.BATTERY, self._take_battery),
-            "imu": (message_types.IMU, self._gyro.take),
+        self._handlers: dict[str, Callable[[Instant, Any], None]] = {
+            "hazards": self._take_hazards,
+            "dock": lambda now, one: self.hold(HoldCause.DOCKED, one.is_docked),
+            "wheels": lambda now, one: self.hold(HoldCause.WHEELS_DISABLED, not one.wheels_enabled),
+            "battery": self._take_battery,
+            "imu": self._gyro.take,
+            "odom": self._take_odometry,  # last: a feedback contains hazards and gyro
         }
+        """By field of RobotTopics, in order of processing."""
         self._feedbacks: list[RobotFeedback] = []
 
     def take(self, now: Instant, publications: Publications) -> list[RobotFeedback]:
         """Process messages (or none) and the passing of time; return the feedbacks."""
         self._feedbacks = []
-        for topic, (kind, handle) in self._handlers.items():
-            self._process(now, topic, kind, handle, publications)
-        self._process(now, "odom", message_types.ODOMETRY, self._take_odometry, publications)
+        for topic in self._handlers:
+            self._process(now, topic, publications.get(topic, ()))
         self._check_silence(now)
         self._hold_changed(HoldCause.LATE_DATA, self.clock.is_late)
         self._hold_changed(HoldCause.BASE_CLOCK, self.clock.has_stepped(now))
@@ -130,17 +127,10 @@ class RobotDriver(BaseDriver):
             (self._held.add if holds else self._held.discard)(cause)
             self.hold(cause, holds)
 
-    def _process(
-        self,
-        now: Instant,
-        topic: str,
-        kind: str,
-        handle: Callable[[Instant, Any], None],
-        publications: Publications,
-    ) -> None:
-        for sample in publications.get(topic, ()):
+    def _process(self, now: Instant, topic: str, samples: Sequence[ReceivedSample]) -> None:
+        for sample in samples:
             try:
-                handle(sample.arrived, decode_sample(sample, kind))
+                self._handlers[topic](sample.arrived, decode_sample(sample, TOPIC_TYPES[topic]))
                 reason = ""
             except InvalidMessageError as error:
                 reason = str(error)

@@ -10,6 +10,7 @@ import hashlib
 import re
 import struct
 from abc import ABC, abstractmethod
+from collections.abc import Iterable
 from enum import Enum
 from typing import Final, Literal, NamedTuple
 
@@ -142,9 +143,9 @@ class KeyMapping(ABC):
     def data_key(self, topic: str, kind: str, type_hash: str) -> str:
         """Return the key of publications; `topic`: fully qualified, `kind`: message type."""
 
-    @abstractmethod
     def subscription_key(self, topic: str, kind: str) -> str:
         """Return the key expression of publications with any type hash."""
+        return self.data_key(topic, kind, "*")
 
     @abstractmethod
     def parse_key(self, key: str) -> str:
@@ -167,10 +168,6 @@ class RmwZenohMapping(KeyMapping):
     def data_key(self, topic: str, kind: str, type_hash: str) -> str:
         """Return `<domain>/<topic>/<type>/<hash>`."""
         return f"{self._domain}/{topic.strip('/')}/{dds_type(kind)}/{type_hash}"
-
-    def subscription_key(self, topic: str, kind: str) -> str:
-        """Return the key with any hash."""
-        return self.data_key(topic, kind, "*")
 
     def parse_key(self, key: str) -> str:
         """Return the last part of the key."""
@@ -216,10 +213,6 @@ class Ros2DdsMapping(KeyMapping):
         """Return the topic without its first slash."""
         return topic.strip("/")
 
-    def subscription_key(self, topic: str, kind: str) -> str:
-        """Return the same key."""
-        return topic.strip("/")
-
     def parse_key(self, key: str) -> str:
         """Return no hash."""
         return ""
@@ -253,6 +246,11 @@ ALL_GRAPHS: Final = ("@ros2_lv/**", Ros2DdsMapping.graph)
 def key_mapping(bridge: Bridge, domain: int) -> KeyMapping:
     """Return the mapping of a kind of bridge."""
     return RmwZenohMapping(domain) if bridge == "rmw_zenoh" else Ros2DdsMapping()
+
+
+def endpoints_of(endpoints: Iterable[Endpoint], topic: str, kind: EndpointKind) -> list[Endpoint]:
+    """Return the endpoints of one kind at a topic."""
+    return [one for one in endpoints if (one.topic, one.kind) == (topic, kind)]
 
 
 def dds_type(kind: str) -> str:

@@ -10,11 +10,11 @@ import numpy as np
 from actors.array_types import Flags, Floats
 from actors.instant import Duration, Instant, milliseconds, seconds
 from actors.robot_model import RangeSensor
-from firmware_bridge.range_sensors.rplidar import FEWEST, KEPT_TURNS, MIN_ECHOES, MOST, REPEATED, SECTORS
+from firmware_bridge.range_sensors.rplidar import FEWEST, MOST
 from firmware_bridge.range_sensors.sensor import (
-    FrozenBeamDetector,
+    MIN_ECHOES,
+    SECTORS,
     RangeReader,
-    RepetitionDetector,
     SensorSweep,
     chosen_samples,
 )
@@ -22,7 +22,6 @@ from firmware_bridge.ros2.message_types import SCAN, InvalidMessageError
 from firmware_bridge.ros2.received import decode_sample
 from firmware_bridge.ros2.robot_clock import RobotClock
 from firmware_bridge.ros2.session import ReceivedSample
-from firmware_bridge.safety import HoldCause
 from firmware_bridge.serial_port import Say, changed_only
 
 _TIMEOUT_PERIODS: Final = 1.5
@@ -64,15 +63,6 @@ class LaserScanReader(RangeReader):
         self.counts = ScanCounts()
         self._echo_at: Instant | None = None
         """Time of the last scan; None if it had no echo."""
-        self._repeats = RepetitionDetector(SECTORS * KEPT_TURNS, SECTORS, REPEATED)
-        self._still = FrozenBeamDetector()
-
-    @property
-    def fault(self) -> HoldCause | None:
-        """REPEATED_DATA for repeated data, SCAN_PART for a constant part of the turn."""
-        if self._repeats.found:
-            return HoldCause.REPEATED_DATA
-        return HoldCause.SCAN_PART if self._still.found else None
 
     def is_measuring(self, now: Instant) -> bool:
         """Return whether scans with echoes arrive."""

@@ -6,7 +6,7 @@ from typing import Final, NamedTuple
 from actors.instant import Duration, Instant, milliseconds, seconds
 from firmware_bridge.ros2 import message_types
 from firmware_bridge.ros2.message_types import TWIST, new, type_hash
-from firmware_bridge.ros2.names import NO_HASH, Endpoint, EndpointKind, QosProfile
+from firmware_bridge.ros2.names import NO_HASH, Endpoint, EndpointKind, QosProfile, endpoints_of
 from firmware_bridge.ros2.robot_clock import NO_TIME
 from firmware_bridge.ros2.session import ReceivedSample, Ros2Session, TopicPublisher
 from firmware_bridge.ros2.settings import Ros2Base
@@ -93,11 +93,7 @@ class CommandPublisher:
         if now - self._checked_at < _CHECK_INTERVAL:
             return
         self._checked_at = now
-        found = [
-            one
-            for one in self._session.endpoints()
-            if one.kind is EndpointKind.SUBSCRIPTION and one.topic == self._topic
-        ]
+        found = endpoints_of(self._session.endpoints(), self._topic, EndpointKind.SUBSCRIPTION)
         chosen = choose_type(found, self._base.command)
         if isinstance(chosen, CommandFault):
             self.refusal = chosen
@@ -140,11 +136,8 @@ class RivalDetector:
 
         `names`: nodes by identifier of their publisher; `commands`: received from other sessions.
         """
-        others = {
-            one.node
-            for one in endpoints
-            if one.kind is EndpointKind.PUBLISHER and one.topic == self._topic and one.node not in self._own
-        }
+        publishers = endpoints_of(endpoints, self._topic, EndpointKind.PUBLISHER)
+        others = {one.node for one in publishers} - self._own
         for sample in commands:
             gid = b"" if sample.attachment is None else sample.attachment.gid
             if names.get(gid) not in self._own:
