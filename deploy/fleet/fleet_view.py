@@ -6,6 +6,7 @@ Messages are drawn at their time of arrival, in s since the view started.
 import math
 import queue
 import time
+from collections import Counter
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Final, NamedTuple
@@ -93,7 +94,7 @@ class FleetView:
         """Robot by endpoint, known from its first message."""
         self._reports: dict[str, str] = {}
         """Text of the last progress report by robot or endpoint."""
-        self._counts: dict[str, int] = {}
+        self._counts = Counter[str]()
         """Number of frames by outcome since they were last drawn, from the first such frame on."""
         self._counted = 0.0
         self._missed = 0
@@ -167,7 +168,6 @@ class FleetView:
 
     def _count_frame(self, name: str) -> None:
         if name not in self._counts:
-            self._counts[name] = 0
             colour = OUTCOME_COLOURS["heard"] if name == "copies_heard" else GREY
             panels.set_line_style(self._canvas, f"plots/copies/{name}", name.replace("_", " "), colour)
         self._counts[name] += 1

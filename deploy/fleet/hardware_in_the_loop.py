@@ -2,7 +2,7 @@
 
 import itertools
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
@@ -67,7 +67,6 @@ def check_limits(scenario: Scenario) -> None:
 LABORATORY: Final = "laboratory"
 _START_TIMEOUT_S: Final = 60.0
 """Timeout for the start of the emulated devices, s."""
-OnProgress = Callable[[Progress], None]
 
 
 def run(scenario: Scenario, options: RunOptions, launcher: Launcher | None = None) -> RunResult:
@@ -98,7 +97,7 @@ def run(scenario: Scenario, options: RunOptions, launcher: Launcher | None = Non
 
 
 def _run_processes(
-    plan: RunPlan, simulated: tuple[str, ...], launcher_context: Launcher, on_progress: OnProgress
+    plan: RunPlan, simulated: tuple[str, ...], launcher_context: Launcher, on_progress: swarm.OnProgress
 ) -> None:
     folder = plan.folder(LABORATORY)
     with signals_as_interrupts(), launcher_context as launcher, ExitStack() as stack:
@@ -178,7 +177,7 @@ def _supervise(
     supervisors: Sequence[OnboardSupervisor],
     buses: Sequence[ZenohBus],
     devices: ChildProcess,
-    on_progress: OnProgress,
+    on_progress: swarm.OnProgress,
 ) -> None:
     """Supervise the robots until no robot has items left or the time is over."""
     started = time.monotonic()

@@ -54,8 +54,6 @@ class OnboardSupervisor(Supervisor):
 
     START_S: Final = 120.0
     """Timeout for the start of the base, s; afterwards it is killed."""
-    POLL_S = 0.05
-    """Period of supervision and of stop commands, s; our choice."""
     GRACE_S = 5.0
     CONTINUES_STOPPED = False
 

@@ -58,7 +58,7 @@ class RobotBundle(NamedTuple):
     files: int
     bytes: int
     sha256: str
-    lacks: str = ""
+    lacks: str
     """Packages of `acrc add` that are missing from the bundle; empty for a shipped strategy."""
 
 

@@ -95,12 +95,12 @@ class StartRobot(Struct, frozen=True):
 class HostOrders(Struct, frozen=True):
     """Requests of a run to its host, carried out in the order of the fields."""
 
-    start: tuple[StartRobot, ...] = ()
-    signals: tuple[tuple[Number, int], ...] = ()
+    start: tuple[StartRobot, ...]
+    signals: tuple[tuple[Number, int], ...]
     """Process number and signal number of each signal to send."""
-    list_processes: bool = False
+    list_processes: bool
     """Report the states of processes."""
-    finish: bool = False
+    finish: bool
     """No more processes will be started."""
 
 
@@ -111,7 +111,7 @@ class EndedProcess(Struct, frozen=True):
     code: Annotated[int, Meta(ge=-64, le=255)]
     orphans: Annotated[int, Meta(ge=0)]
     cpu_s: Seconds
-    left: "HostRecording | None" = None
+    left: "HostRecording | None"
 
 
 class HostRecording(Struct, frozen=True):

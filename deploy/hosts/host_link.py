@@ -37,8 +37,8 @@ _MAX_REPORT_BYTES: Final = 1 << 23
 """Maximum size of a report: files and states of some ten thousand processes, bytes."""
 _PARTS_PER_CALL: Final = 16
 """Maximum number of file parts per call."""
-_PID_OFFSET: Final = 1 << 32
-"""Offset of process ids, times the host's index, so that they differ from ids here."""
+PID_OFFSET: Final = 1 << 32
+"""Offset of process ids, times the host's index from 1 on; ids of this computer are below it."""
 
 
 @dataclass(kw_only=True)
@@ -201,7 +201,7 @@ class HostLink:
                 child.exit_code = -signal.SIGKILL
 
     def _pid(self, pid: int) -> int:
-        return self._index * _PID_OFFSET + pid
+        return self._index * PID_OFFSET + pid
 
     def _failure_reason(self, error: Exception) -> str:
         """Describe why a call failed. The library raises OSError or RuntimeError for a lost worker."""

@@ -25,15 +25,13 @@ from deploy.hosts.address import PAGE, bind_address, bracketed, free_port, host_
 from deploy.hosts.agent import CODE, HostAgent, HostTask, block_worker
 from deploy.hosts.allocation import HostPool
 from deploy.hosts.files import RUN, IncomingFiles, files_below
-from deploy.hosts.host_link import HostLink
+from deploy.hosts.host_link import PID_OFFSET, HostLink
 
 _FIRST_REPORT_S: Final = 5.0
 """Delay of an answer after which it is reported first, s."""
 _LINK_LOST_TIMEOUT_S: Final = 2.0
 """A lost connection is an error if the mesh still exists after this time, s; else the run is ending."""
 _POLL_S: Final = 0.02
-_FIRST_REMOTE_PID: Final = 1 << 32
-"""Process ids below this belong to this computer."""
 
 
 class HostedLauncher:
@@ -101,7 +99,7 @@ class HostedLauncher:
 
     def queued_s(self, pid: int) -> float | None:
         """Return the time that a process has waited for a processor, s; None if unknown."""
-        if pid < _FIRST_REMOTE_PID:
+        if pid < PID_OFFSET:
             return process_table.queued_s(pid)
         return next((link.queued[pid] for link in self._links if pid in link.queued), None)
 
@@ -147,13 +145,8 @@ class HostSettings:
     """Returns the `HostTask.share` of these robots."""
     leave: bool
     """Keep recordings on the hosts."""
-    code: tuple[tuple[tuple[str, Path], ...], ...] = ()
+    code: tuple[tuple[tuple[str, Path], ...], ...]
     """Files of each code folder, with their names on the host."""
-
-    @property
-    def silence_s(self) -> float:
-        """Timeout of a host's answers, and of calls to it, s."""
-        return min(_SILENCE_FACTOR * self.timeout_s, 86_400.0)
 
 
 class RunHosts:
@@ -175,6 +168,8 @@ class RunHosts:
         """Endpoint of the world's router for hosts."""
         self._endpoint = f"{bracketed(address)}:{port}"
         self._pool, self._settings = pool, settings
+        self._silence_s = min(_SILENCE_FACTOR * settings.timeout_s, 86_400.0)
+        """Timeout of a host's answers, and of calls to it, s."""
         self._run_id = secrets.token_hex(8)
         self._futures: list[Future[Any]] = []
         self._links = tuple(
@@ -184,7 +179,7 @@ class RunHosts:
 
     def launcher(self, local_launcher: Launcher, say: Callable[[str], None]) -> HostedLauncher:
         """Return a launcher of robots on the hosts and of other actors with `local_launcher`."""
-        return HostedLauncher(local_launcher, self._links, self._settings.silence_s, say)
+        return HostedLauncher(local_launcher, self._links, self._silence_s, say)
 
     def join(self, check_failures: Callable[[], None], wait: Callable[[float], None]) -> None:
         """Connect all hosts to the mesh, whose router must be running. Raises AcrcError.
@@ -300,7 +295,7 @@ class RunHosts:
             endpoint=f"tls/{self._endpoint}",
             spawn=settings.spawn,
             limits=settings.limits,
-            silence_s=settings.silence_s,
+            silence_s=self._silence_s,
             code=len(settings.code),
             share=settings.share(robots),
             leave=settings.leave,

@@ -60,9 +60,9 @@ class BranchResult:
     """First difference from the original run; None: identical."""
     replay_s: float
     """Wall time up to the branch, s."""
-    failed_events: tuple[str, ...] = ()
+    failed_events: tuple[str, ...]
     """One sentence per event that the world refused or that came after the end."""
-    control: BranchControl | None = None
+    control: BranchControl | None
     """None: no setting was changed, or the strategy was replaced."""
 
 

@@ -15,7 +15,7 @@ from typing import Final, NoReturn
 from actors.messages import PROGRESS, ROSTER, ProcessOrder, Progress, Roster
 from actors.processes.kernel_compilation import kernel_modules
 from actors.processes.launcher import Program
-from actors.processes.monitor import AwaitedProcess, StallDetector, StepDelays
+from actors.processes.monitor import AwaitedProcess, StallDetector
 from actors.processes.watchdog import BoardState, WriteBoard, run_watchdog
 from actors.radio.program import actor_process as radio_process
 from actors.robot.program import actor_process as robot_process
@@ -131,18 +131,14 @@ class MemorySwarm:
         self._pace = None if plan.options.speed == "max" else Pace(float(plan.options.speed))
         self._write_board: WriteBoard | None = None
         """Publishes the current actor for the watchdog."""
-        self._stalls = StallDetector(
+        self.stalls = StallDetector(
             plan.timeout,
             _say,
             table=lambda: {os.getpid(): process_table.ProcessState(0, 0, "S", time.process_time())},
         )
+        """Stalls and delays of the actors' steps."""
         self.rosters = 0
         """Roster messages received."""
-
-    @property
-    def held_up(self) -> dict[str, StepDelays]:
-        """Delays of steps so far, by actor."""
-        return self._stalls.held_up
 
     @property
     def programs(self) -> tuple[Program, ...]:
@@ -176,7 +172,7 @@ class MemorySwarm:
         with (
             self._breakpoints(),
             raise_on_hard_exit(),
-            detect_stalls(self._shells, self._stalls, self._current_state, self._kill_process),
+            detect_stalls(self._shells, self.stalls, self._current_state, self._kill_process),
             captured_output.captured_by(None),
         ):
             self._build()

@@ -14,7 +14,6 @@ from actors.processes.monitor import (
     Phase,
     ResourceMonitor,
     StallDetector,
-    StepDelays,
     Timeout,
 )
 from actors.processes.robot_logs import crash_line, current_line, last_line
@@ -33,6 +32,7 @@ class Supervisor:
     """Supervisor that starts processes and can end all of them."""
 
     POLL_S = 0.05
+    """Period of supervision, and of stop commands of a suspended base, s; our choice."""
     GRACE_S = 3.0
     """Time for a process to exit after SIGTERM, s."""
     CONTINUES_STOPPED = True
@@ -127,7 +127,8 @@ class RunSupervisor(Supervisor):
         self._restart = restart
         self._on_progress = on_progress
         self._resources = resources
-        self._stalls = StallDetector(timeout, say, table=launcher.table, queued_s=launcher.queued_s)
+        self.stalls = StallDetector(timeout, say, table=launcher.table, queued_s=launcher.queued_s)
+        """Stalls and delays of the actors' steps."""
         self._complete: set[int] = set()
         """Ids of processes that have exited as planned."""
         self._recording_bytes = -1
@@ -137,11 +138,6 @@ class RunSupervisor(Supervisor):
         """Last report that the world awaits something in this step; None: it awaits nothing."""
         self.rosters = 0
         """Roster messages received."""
-
-    @property
-    def held_up(self) -> dict[str, StepDelays]:
-        """Delays of steps so far, by actor."""
-        return self._stalls.held_up
 
     @property
     def notes(self) -> dict[Path, Mapping[str, str]]:
@@ -212,7 +208,7 @@ class RunSupervisor(Supervisor):
         size = recording.stat().st_size if recording.is_file() else 0
         if size != self._recording_bytes or self._paused:
             self._recording_bytes, self._waiting = size, None
-            self._stalls.step()
+            self.stalls.step()
             return None
         # without a report from the world, the world itself stalls
         activity, starting = "the world has not taken a step", not size
@@ -237,7 +233,7 @@ class RunSupervisor(Supervisor):
         """
         processes = {child.pid: AwaitedProcess(child.program.actor, child.pid) for child in running}
         suspects = [processes[child.pid] for child in (running if awaited is None else awaited)]
-        stall = self._stalls.check([*processes.values()], suspects, activity, phase)
+        stall = self.stalls.check([*processes.values()], suspects, activity, phase)
         if stall is None:
             return None
         stalled_child = next(child for child in running if child.pid == stall.suspect.pid)
@@ -249,7 +245,7 @@ class RunSupervisor(Supervisor):
             self._paused, self._waiting = progress.paused, progress if progress.awaits else None
             if progress.finished and not self._finished:
                 self._finished = True
-                self._stalls.step()
+                self.stalls.step()
             self._on_progress(progress)
         for roster in arrived(bus, ROSTER):
             self.rosters += 1
@@ -257,7 +253,7 @@ class RunSupervisor(Supervisor):
 
     def _restart_robots(self, roster: Roster) -> None:
         for order in roster.start:
-            self._stalls.step()
+            self.stalls.step()
             while old := [child for child in self.running if child.program.actor == order.robot]:
                 self._launcher.wait(self.POLL_S)
                 self.check()

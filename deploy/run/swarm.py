@@ -4,7 +4,7 @@ import math
 import os
 import sys
 import time
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import AbstractContextManager, closing, nullcontext
 from dataclasses import fields
 from pathlib import Path
@@ -21,7 +21,7 @@ from actors.messages import PROGRESS, ROSTER, ProcessOrder, Progress
 from actors.orders import ItemAssignment
 from actors.processes import monitor
 from actors.processes.launcher import Launcher, create_launcher
-from actors.processes.monitor import ResourceMonitor, StepDelays, Timeout
+from actors.processes.monitor import ResourceMonitor, Timeout
 from actors.processes.robot_logs import check_names, printing_new_lines
 from actors.processes.signals import Interruption, signals_as_interrupts
 from actors.processes.watchdog import run_watchdog
@@ -208,7 +208,7 @@ def run_in_memory(plan: RunPlan, on_progress: OnProgress, bus: MemoryBus | None 
         with signals_as_interrupts():
             swarm.run()
     except Interruption:
-        _report_delays(swarm.held_up)
+        _report_delays(swarm.stalls)
         raise
     return _write_result(plan, swarm, started, "memory", time.process_time())
 
@@ -268,7 +268,7 @@ def _supervise(
             if hosts is not None and (load_sentence := hosts.load_sentence):
                 _say(load_sentence)
     except Interruption:
-        _report_delays(supervisor.held_up)
+        _report_delays(supervisor.stalls)
         raise
     finally:
         supervisor.end_all()
@@ -303,8 +303,8 @@ def _say(sentence: str) -> None:
     sys.stderr.write(f"acrc: {sentence}\n")
 
 
-def _report_delays(held_up: Mapping[str, StepDelays]) -> None:
-    for sentence in monitor.delay_sentences(held_up):
+def _report_delays(stalls: monitor.StallDetector) -> None:
+    for sentence in monitor.delay_sentences(stalls.held_up):
         _say(sentence)
 
 
@@ -328,7 +328,7 @@ def _write_result(
         out=str(plan.out),
         origin=plan.scenario.origin,
         warnings=plan.warnings,
-        held_up=dict(swarm.held_up),
+        held_up=dict(swarm.stalls.held_up),
     )
     declaration = plan.world.task.declaration
     write_items(items, declaration.columns, plan.out / f"{declaration.table}.csv")

@@ -22,7 +22,7 @@ from actors.floor.grid import (
     reachable,
 )
 from actors.floor.map_file import map_warnings
-from actors.geometry import STILL, Point, Pose
+from actors.geometry import ORIGIN, STILL, Point, Pose
 from actors.instant import Instant
 from actors.items import ItemKey
 from actors.radio.radio_model import radio_model, radio_parameters, reach, required_dbm
@@ -190,12 +190,11 @@ def _can_drive_off(floor: _Floor, robot: BodySetup, start: StartPose) -> bool:
     sensors = RangeSensors(grid, [model], [np.random.default_rng(0)])
     (ranges,) = sensors.scan([0], np.array([start]), np.zeros((0, 3)))
     ranges.setflags(write=False)
-    here = Pose(0.0, 0.0, 0.0)
     (_, first), *_ = floor.resolved.points(robot)
     navigation.take(first)
     for instant in range(0, _TRIAL_US, _CYCLE_US):
-        navigation.sense(Instant(instant), here, Sweep(ranges, here))
-        if navigation.advance(Instant(instant), here, Pose(*start), STILL) != STILL:
+        navigation.sense(Instant(instant), ORIGIN, Sweep(ranges, ORIGIN))
+        if navigation.advance(Instant(instant), ORIGIN, Pose(*start), STILL) != STILL:
             return True
         if navigation.goal is None or navigation.goal.status is not GoalStatus.ACTIVE:
             return False

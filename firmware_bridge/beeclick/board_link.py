@@ -458,15 +458,17 @@ class LinkStatus:
         """Consecutive packets without outcome."""
 
     def ready(self, now: Instant) -> None:
-        """Handle the end of the set-up; the link is up unless the radio is suspected to be silent."""
-        if self.unconfirmed_packets < _MAX_UNCONFIRMED:
-            self._report_up(now)
+        """Report a link that is set up, unless it is up or the radio is suspected to be silent."""
+        if not self.is_up and self.unconfirmed_packets < _MAX_UNCONFIRMED:
+            self.is_up, self._silent = True, False
+            self._counters["ups"] += 1
+            self._events.append(LinkState(now, True, ""))
 
     def confirmed(self, now: Instant, ready: bool) -> None:
         """Handle the outcome of a packet."""
         self.unconfirmed_packets = 0
-        if ready and not self.is_up:
-            self._report_up(now)
+        if ready:
+            self.ready(now)
 
     def packet_timed_out(self, now: Instant) -> None:
         """Handle the timeout of a packet."""
@@ -487,8 +489,3 @@ class LinkStatus:
             self._silent = True
             self._counters["silent"] += 1
             self._events.append(LinkState(now, False, "silent"))
-
-    def _report_up(self, now: Instant) -> None:
-        self.is_up, self._silent = True, False
-        self._counters["ups"] += 1
-        self._events.append(LinkState(now, True, ""))

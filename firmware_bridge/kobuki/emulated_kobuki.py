@@ -257,12 +257,12 @@ class EmulatedKobuki:
         resolution = math.radians(self._p.errors.gyro_resolution_deg)
         angle = math.remainder(self._p.angle + self._angle, math.tau)
         rate = math.degrees(self._rate)
-        inertial = InertialSensorData(round(angle / resolution), _to_int16(rate * 100))
+        inertial = InertialSensorData(round(angle / resolution), kobuki_motion.to_int16(round(rate * 100)))
         if self.faults.gyro == "frozen":
             inertial = self._frozen = self._frozen or inertial
         else:
             self._frozen = None
-        z = _to_int16(rate / 0.00875)
+        z = kobuki_motion.to_int16(round(rate / 0.00875))
         return inertial, UnknownPacket(13, struct.pack("<BB6h", self._feedbacks & 0xFF, 6, 0, 0, z, 0, 0, z))
 
     def _sent_bytes(self, now: Instant) -> bytes:
@@ -291,8 +291,3 @@ def _motion(before: Pose, after: Pose) -> tuple[float, float]:
 def _chord(turn: float) -> float:
     """Return the ratio of chord to arc length for a turn, rad."""
     return sin(turn / 2) / (turn / 2) if turn else 1.0
-
-
-def _to_int16(value: float) -> int:
-    """Return the value rounded and clipped to int16."""
-    return max(-0x8000, min(0x7FFF, round(value)))

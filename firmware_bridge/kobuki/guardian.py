@@ -88,18 +88,6 @@ class Standstill:
         return True
 
 
-def send_stop(port: int, standstill: Standstill) -> bool:
-    """Send one stop command and read feedback; return False if the port is lost."""
-    try:
-        with suppress(BlockingIOError):
-            os.write(port, STOP)
-        with suppress(BlockingIOError):
-            standstill.take(os.read(port, 4096))
-    except OSError:
-        return False
-    return True
-
-
 class StopHandler(Protocol):
     """Sender of stop commands to a base, and detector of its standstill."""
 
@@ -154,7 +142,16 @@ class SerialStop:
 
     def send(self) -> bool:
         """Send one stop command and read feedback; return False if the port is lost."""
-        return self._port is not None and send_stop(self._port, self._standstill)
+        if self._port is None:
+            return False
+        try:
+            with suppress(BlockingIOError):
+                os.write(self._port, STOP)
+            with suppress(BlockingIOError):
+                self._standstill.take(os.read(self._port, 4096))
+        except OSError:
+            return False
+        return True
 
     def close(self) -> None:
         """Close the port."""

@@ -42,13 +42,13 @@ def base_control(v: float, omega: float) -> BaseControl:
     if not (math.isfinite(v) and math.isfinite(omega)):
         raise WireMisuseError(f"velocity {v} m/s, {omega} rad/s is not finite")
     if abs(omega) < _NEGLIGIBLE:
-        return BaseControl(_to_int16(1000 * v), 0)
+        return BaseControl(to_int16(1000 * v), 0)
     radius = 1000 * v / omega
     if abs(v) < _NEGLIGIBLE or abs(radius) < 2:
-        return BaseControl(_to_int16(_HALF_TRACK_MM * omega), 1)
+        return BaseControl(to_int16(_HALF_TRACK_MM * omega), 1)
     if abs(radius) > _LIMIT:
-        return BaseControl(_to_int16(1000 * v), 0)
-    return BaseControl(_to_int16((radius + math.copysign(_HALF_TRACK_MM, radius)) * omega), int(radius))
+        return BaseControl(to_int16(1000 * v), 0)
+    return BaseControl(to_int16((radius + math.copysign(_HALF_TRACK_MM, radius)) * omega), int(radius))
 
 
 def velocity(control: BaseControl) -> tuple[float, float]:
@@ -66,7 +66,7 @@ def _distance(ticks: int) -> float:
     return (((ticks + 0x8000) & 0xFFFF) - 0x8000) * METRES_PER_TICK
 
 
-def _to_int16(value: float) -> int:
+def to_int16(value: float) -> int:
     """Return the value rounded towards zero and clipped to int16."""
     return int(max(-_LIMIT - 1, min(_LIMIT, value)))
 

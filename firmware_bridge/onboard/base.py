@@ -78,8 +78,8 @@ class Base:
         self._clock = clock
         self._log = BackgroundLog(write_stderr)
         self._vehicle = create_vehicle(setup, clock, self._log.say)
-        self._pose_writer = None if setup.last_pose is None else PoseWriter(Path(setup.last_pose), now)
-        initial = None if self._pose_writer is None else self._pose_writer.initial
+        self._pose_writer = PoseWriter(Path(setup.last_pose), now)
+        initial = self._pose_writer.initial
         start = Pose(*(setup.start if initial is None else initial.pose))
         self.core = BaseCore(setup.id, setup.step_us, now, start, len(setup.items), self._vehicle)
         self.core.answer_timeout = None if setup.patience_s is None else seconds(setup.patience_s)
@@ -91,14 +91,12 @@ class Base:
         try:
             run_event_loop(shell, bus, core, self, self._clock)
         except MotionUnknownError:
-            if self._pose_writer is not None:
-                self._vehicle.close()
-                self._pose_writer.add_spread(FEEDBACK_LOSS_SPREAD)
+            self._vehicle.close()
+            self._pose_writer.add_spread(FEEDBACK_LOSS_SPREAD)
             raise
         finally:
             self._vehicle.close()
-            if self._pose_writer is not None:
-                self._pose_writer.close()
+            self._pose_writer.close()
             self._log.close()
             signal.signal(signal.SIGTERM, previous_handler)
 
@@ -110,7 +108,7 @@ class Base:
         """Exchange bytes with the devices. Raises MotionUnknownError."""
         self._vehicle.serve(now)
         self._vehicle.check_odometry()
-        if self._pose_writer is not None and self.core.last_estimate is not None:
+        if self.core.last_estimate is not None:
             self._pose_writer.store(now, *self.core.last_estimate)
 
 

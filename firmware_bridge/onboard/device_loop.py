@@ -34,20 +34,20 @@ class BaseSetup(RobotDescription, frozen=True, kw_only=True):
     """For readers of recordings only."""
     base: str | Ros2Base
     """Path of the Kobuki's port, or a ROS 2 robot, which has a range sensor of its own."""
-    range: str | None = None
+    range: str | None
     """Path of the lidar's port, or OPENNI; None = no range sensor, or that of a ROS 2 robot."""
-    listen: str | None = None
+    listen: str | None
     """Endpoint for the operator's laptop, `tls/HOST:PORT`; None = no connections."""
-    keys: str | None = None
+    keys: str | None
     """Folder with the robot's keys; required with `listen`."""
-    last_pose: str | None = None
-    """File for the robot's last pose estimate; None: not stored."""
-    patience_s: float | None = PATIENCE_S
+    last_pose: str
+    """File for the robot's last pose estimate."""
+    patience_s: float | None
     """Timeout of answers of robot and bridge, after which the base exits, s; None: no limit (debugger)."""
 
     def resolve_paths(self, folder: Path) -> Self:
         """Return the set-up with paths resolved against `folder`, in which it was read."""
-        last_pose = None if self.last_pose is None else str(folder / self.last_pose)
+        last_pose = str(folder / self.last_pose)
         return msgspec.structs.replace(self, model=resolve_model(self.model, folder), last_pose=last_pose)
 
 

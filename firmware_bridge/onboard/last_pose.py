@@ -6,7 +6,7 @@ from typing import Final
 
 import msgspec
 
-from actors.geometry import Pose
+from actors.geometry import ORIGIN, Pose
 from actors.instant import Instant, seconds
 from actors.messages import Odometry
 from actors.runtime import regular_file
@@ -35,7 +35,7 @@ class LastPose(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     @property
     def origin(self) -> Pose:
         """Origin of that odometry, map frame."""
-        return Pose(*self.pose).compose(Pose(*self.odometry).relative(Pose(0.0, 0.0, 0.0)))
+        return Pose(*self.pose).compose(Pose(*self.odometry).relative(ORIGIN))
 
 
 def read(path: Path) -> LastPose | None:

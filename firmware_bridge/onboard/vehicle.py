@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterable, Sequence
 from contextlib import suppress
 from typing import Final, Protocol
 
-from actors.geometry import Pose
+from actors.geometry import ORIGIN, Pose
 from actors.instant import Instant, in_seconds, milliseconds, seconds
 from actors.messages import Odometry, Scan
 from actors.robot_model import BatteryParameters
@@ -17,7 +17,7 @@ from firmware_bridge.kobuki import guardian
 from firmware_bridge.kobuki.driver import KobukiDriver
 from firmware_bridge.kobuki.kobuki_motion import TRACK
 from firmware_bridge.onboard.contradictions import ContradictionMonitor
-from firmware_bridge.onboard.device_loop import DeviceLine
+from firmware_bridge.onboard.device_loop import DeviceLine, ServedDevices
 from firmware_bridge.range_sensors.depth import CameraFeed, DepthError, DepthScanner
 from firmware_bridge.range_sensors.rplidar import Rplidar
 from firmware_bridge.range_sensors.sensor import RangeReader
@@ -163,23 +163,14 @@ class GuardianLink:
                 self._confirmed = False
 
 
-ORIGIN: Final = Pose(0.0, 0.0, 0.0)
-
-
 class MotionUnknownError(AcrcError):
     """Possible motion of the base without feedback, which is missing in the odometry."""
 
 
-class RangeDevice(Protocol):
+class RangeDevice(ServedDevices, Protocol):
     """A range sensor with its connection."""
 
     reader: RangeReader
-
-    def descriptors(self) -> Sequence[int]:
-        """Return the descriptors to wait for."""
-
-    def serve(self, now: Instant) -> None:
-        """Process new measurements."""
 
     def close(self) -> None:
         """Stop the sensor."""
@@ -221,18 +212,12 @@ class DepthCameraDevice:
             self.errors += 1
 
 
-class BaseLine(Protocol):
+class BaseLine(ServedDevices, Protocol):
     """Connection to a base."""
 
     @property
     def port(self) -> object | None:
         """Connection that the guardian needs; None while commands cannot reach the base."""
-
-    def descriptors(self) -> Sequence[int]:
-        """Return the descriptors to wait for."""
-
-    def serve(self, now: Instant) -> None:
-        """Exchange data with the base."""
 
     def close(self) -> None:
         """Send a stop and disconnect."""

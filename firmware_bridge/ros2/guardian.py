@@ -120,10 +120,11 @@ def main(argv: Sequence[str]) -> int:
     """Run the guardian; return the exit code: 0 unless the robot may still drive."""
     guardian.ignore_signals()
     base = msgspec.json.decode(argv[-1], type=Ros2Base)
+    sender = RobotStop(base, "guardian")
     if argv[0] == "beside":
-        said = guardian.watch_parent(int(argv[1]), RobotStop(base, "guardian"))
+        said = guardian.watch_parent(int(argv[1]), sender)
     else:
-        said = guardian.stop_until_standstill(RobotStop(base, "guardian"))
+        said = guardian.stop_until_standstill(sender)
     return guardian.report(base.topic("command"), said)
 
 

@@ -79,11 +79,6 @@ class CommandPublisher:
         """Reason why no type is chosen."""
 
     @property
-    def gid(self) -> bytes:
-        """Identifier in attachments."""
-        return b"" if self._publisher is None else self._publisher.gid
-
-    @property
     def is_ready(self) -> bool:
         """True if commands reach the router."""
         return self._publisher is not None and self.refusal is None and self._session.is_connected
