@@ -42,6 +42,21 @@ _SWARM_FOLDERS: Final = tuple(
     _PROJECT / name for name in ("acrc_testbed", "deploy", "scenarios", "fleets", "runs")
 )
 """Project folders about whole swarms and runs, not single robots."""
+_ROBOT_FOLDERS: Final = tuple(
+    _PROJECT / name
+    for name in (
+        "actors",
+        "cleaning",
+        "deeco",
+        "docs",
+        "examples",
+        "firmware_bridge",
+        "logistics",
+        "maps",
+        "tests",
+    )
+)
+"""Project folders that every robot sees."""
 _runless: Final[set[Path]] = set()
 """Folders without runs; see `survey`."""
 
@@ -77,32 +92,14 @@ def file_view(
 
 
 def survey() -> None:
-    """Find the project's folders without runs, so that this process's forks need not search them.
+    """Find the folders without runs among those that all robots see, so that forks need not search them.
 
-    A search takes longer than the rest of a robot's sandbox. A child searches, since forks have all names in
-    their memory, and tells only those that a robot sees in any case.
+    A search takes longer than the rest of a robot's sandbox. Other folders are not listed here, as forks have
+    all names in their memory.
     """
-    reader, writer = os.pipe()
-    child = os.fork()
-    if not child:
-        try:
-            found = [os.fsencode(entry) for entry in _listed(_PROJECT) if _is_public(entry)]
-            with os.fdopen(writer, "wb") as told:
-                told.write(b"\0".join(found))
-        finally:
-            os._exit(0)
-    os.close(writer)
-    with os.fdopen(reader, "rb") as told:
-        _runless.update(Path(os.fsdecode(name)) for name in told.read().split(b"\0"))
-    os.waitpid(child, 0)
-
-
-def _is_public(entry: os.DirEntry[str]) -> bool:
-    """Return True for a folder without runs with a file that only a hidden folder hides."""
-    path = Path(entry)
-    files = (one.name for one in _listed(path) if not _is_subfolder(one))
-    is_seen = any(not name.startswith(".") and not name.endswith(".toml") for name in files)
-    return is_seen and not _is_run(path) and not _holds_run(path, _DEPTH - 1)
+    for path in _ROBOT_FOLDERS:
+        if any(_listed(path)) and not (_is_run(path) or _holds_run(path, _DEPTH - 1)):
+            _runless.add(path)
 
 
 def hidden_paths(hidden: Collection[Path]) -> tuple[Path, ...]:
