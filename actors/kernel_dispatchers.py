@@ -15,21 +15,14 @@ from numba.core import entrypoints
 from numba.core.caching import CompileResultCacheImpl, FunctionCache, _CacheLocator
 from numba.core.compiler import CompileResult, compile_result
 from numba.core.environment import Environment, lookup_environment
+from numba.core.registry import cpu_target
 from numba.core.runtime import _nrt_python
 from numba.core.serialize import dumps
 from numba.extending import typeof_impl
 from numba.misc.appdirs import AppDirs
 
-from actors.kernels import (
-    Kernel,
-    cache_folder,
-    hidden_scipy,
-    imported_sources,
-    module_name,
-    module_state,
-    source_hash,
-    write_file,
-)
+from actors.kernel_sources import module_name, module_state
+from actors.kernels import Kernel, cache_folder, hidden_scipy, write_file
 from actors.portable import extensions
 
 _PART: Final = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True}
@@ -70,9 +63,10 @@ class _Locator(_CacheLocator):  # type: ignore[misc]  # numba has no types
     def __init__(self, function: Callable[..., Any], file: str) -> None:
         source = Path(file)
         self._py_file = file  # required by numba's warnings
-        self._line = function.__code__.co_firstlineno
         module = module_name(source)
-        self._state = f"{module}-{module_state(module) or source_hash(imported_sources(source))}"
+        state = module_state(module)
+        assert state is not None, f"kernel that imports neither kernel nor njit: {source}"
+        self._state = f"{module}-{state}"
 
     @classmethod
     def from_function(cls, py_func: Callable[..., Any], py_file: str) -> "_Locator":
@@ -88,7 +82,7 @@ class _Locator(_CacheLocator):  # type: ignore[misc]  # numba has no types
         return self._state
 
     def get_disambiguator(self) -> str:
-        return str(self._line)
+        return ""
 
 
 class _Impl(CompileResultCacheImpl):  # type: ignore[misc]
@@ -171,22 +165,32 @@ class _Files:
     def __init__(self, base: str) -> None:
         self._base = base
 
-    def load(self, key: object) -> Any:
+    def load(self, key: Any) -> Any:
         """Return the saved data from the first folder that has it; None: no folder has it."""
         for root in _roots():
             with suppress(OSError, EOFError, pickle.UnpicklingError):
                 return pickle.loads((root / self._name(key)).read_bytes())
         return None
 
-    def save(self, key: object, data: object) -> None:
+    def save(self, key: Any, data: object) -> None:
         """Save atomically in the first writable folder; without one, nothing is saved."""
         content = dumps(data)
         for root in _roots():
             if write_file(root / self._name(key), content):
                 return
 
-    def _name(self, key: object) -> str:
-        return f"{self._base}.{hashlib.sha256(repr(key).encode()).hexdigest()[:16]}.nbc"
+    def _name(self, key: Any) -> str:
+        signature, machine, code = key
+        return f"{self._base}.{_hash((signature, code))}.{_hash(machine)}.nbc"
+
+
+def machine_ending() -> str:
+    """Return the end of the names of files with machine code for this computer's processor."""
+    return f".{_hash(cpu_target.target_context.codegen().magic_tuple())}.nbc"
+
+
+def _hash(value: object) -> str:
+    return hashlib.sha256(repr(value).encode()).hexdigest()[:16]
 
 
 def _roots() -> tuple[Path, Path]:

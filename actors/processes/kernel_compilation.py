@@ -1,4 +1,4 @@
-"""Compilation of the numeric kernels before the first run, which takes half a minute to two minutes."""
+"""The numeric kernels before the first run: unpacked, or compiled, which takes up to two minutes."""
 
 import os
 import platform
@@ -11,12 +11,13 @@ from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager, suppress
 from functools import cache
 from importlib.metadata import version
-from pathlib import Path
 from typing import Final
 
 import numpy as np
 
-from actors.kernels import cache_folder, imported_sources, module_state, prune_cache
+from actors.kernel_sources import module_state, prune_cache, used_modules
+from actors.kernels import cache_folder
+from actors.processes.kernel_archive import COMPILER, unpack_kernels, write_archive
 from actors.runtime.process_table import python_command
 from actors.runtime.processor import KernelModule, fingerprints, processor
 
@@ -24,22 +25,24 @@ _TITLE: Final = "compiling numeric kernels (once after an installation or a sour
 _DONE: Final = "complete"
 """File in the cache that lists the source states and machines for which all kernels are compiled."""
 
+_TASKS: Final = ("cleaning.visits",)
+"""Modules with kernels of tasks."""
 _MAX_PROCESSES: Final = 4
 """Most processes: one module alone takes a quarter of the time."""
-_COMPILER: Final = ("-m", "actors.processes.kernel_compiler")
-"""Options of Python for a process that compiles the modules in its input and prints their names."""
 
 
 def compile_kernels(*, quiet: bool = False, onboard: bool = False) -> None:
-    """Compile all kernels of a run, unless they are compiled; show the progress.
+    """Unpack or compile all kernels of a run, unless they are in the cache; show the progress.
 
     `onboard`: only a robot's kernels: its computer has no world, and maybe no pymunk.
     """
     if are_compiled(onboard=onboard):
         return
-    modules = kernel_modules(onboard=onboard)
-    with _progress(len(modules), quiet=quiet) as report_progress:
-        _Compilation(modules, report_progress).run()
+    found = unpack_kernels()
+    modules = [one for one in kernel_modules(onboard=onboard) if one.__name__ not in found]
+    if modules:
+        with _progress(len(modules), quiet=quiet) as report_progress:
+            _Compilation(modules, report_progress).run()
     prune_cache()
     with suppress(OSError):  # without a cache they are checked again next time
         stamp = cache_folder() / _DONE
@@ -72,7 +75,7 @@ class _Compilation:
     def __init__(self, modules: Sequence[KernelModule], report_progress: Callable[[], None]) -> None:
         self._report_progress = report_progress
         self._changed = threading.Condition()
-        self._not_started = {Path(str(sys.modules[module.__name__].__file__)): module for module in modules}
+        self._not_started = {module.__name__: module for module in modules}
         self._not_finished = set(self._not_started)
 
     def run(self) -> None:
@@ -89,7 +92,7 @@ class _Compilation:
     def _compile_modules(self, _: int) -> KernelModule | None:
         """Compile modules in one process; return the module at which it failed, if any."""
         with subprocess.Popen(
-            [*python_command(), *_COMPILER], stdin=subprocess.PIPE, stdout=subprocess.PIPE,
+            [*python_command(), *COMPILER], stdin=subprocess.PIPE, stdout=subprocess.PIPE,
             stderr=subprocess.DEVNULL, text=True, bufsize=1,
         ) as compiler:  # fmt: skip
             try:
@@ -107,12 +110,12 @@ class _Compilation:
                     compiler.stdin.close()  # type: ignore[union-attr]
         return None
 
-    def _next_module(self) -> tuple[Path, KernelModule] | None:
+    def _next_module(self) -> tuple[str, KernelModule] | None:
         """Wait for and return the next module whose callees are compiled; None: all are taken."""
         with self._changed:
             while self._not_started:
                 for source in self._not_started:
-                    if not (self._not_finished & set(imported_sources(source))) - {source}:
+                    if not (self._not_finished & used_modules(source)) - {source}:
                         return source, self._not_started.pop(source)
                 if len(self._not_finished) == len(self._not_started):  # circular imports
                     return self._not_started.popitem()
@@ -151,6 +154,11 @@ def kernel_modules(*, onboard: bool = False) -> Sequence[KernelModule]:
     return tuple({module.__name__: module for module in modules}.values())
 
 
+def archived_modules() -> list[str]:
+    """Return the names of all modules with kernels, in the order in which the archive's are compiled."""
+    return [*(module.__name__ for module in kernel_modules()), *_TASKS]
+
+
 @contextmanager
 def _progress(count: int, *, quiet: bool) -> Iterator[Callable[[], None]]:
     """Yield a function to call after each of `count` modules."""
@@ -173,3 +181,7 @@ def _progress(count: int, *, quiet: bool) -> Iterator[Callable[[], None]]:
         console.print(f"acrc: {_TITLE}: {count} modules")
         yield lambda: None
         console.print(f"acrc: compiled in {time.monotonic() - began:.0f} s")
+
+
+if __name__ == "__main__":
+    write_archive(archived_modules())

@@ -13,7 +13,8 @@ from typing import Annotated, Final, Protocol
 
 import msgspec
 
-from actors.kernels import cache_folder, module_state, write_file
+from actors.kernel_sources import module_state
+from actors.kernels import cache_folder, write_file
 from actors.runtime.regular_file import read_bytes
 
 _FEATURES: Final = frozenset({

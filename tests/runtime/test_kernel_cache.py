@@ -1,31 +1,31 @@
-"""The kernel cache depends on the content of all imported sources, and on nothing else."""
+"""The kernel cache depends on the definitions that kernels use, and on nothing else."""
 
-import json
 import os
 import shutil
 import subprocess
 import sys
 from pathlib import Path
+from types import ModuleType
 
 import numpy as np
 import pytest
 
-from actors import kernels
+from actors import kernel_sources, kernels
 from actors.floor import raster
+from actors.installation.repository import REPOSITORY
 from actors.portable import arrays
+from actors.processes import kernel_compilation
 from actors.runtime import processor
 
-STATES = """
-import json
-from actors import kernels
-named = kernels._named().items()
-print(json.dumps({name: kernels.source_hash(kernels.imported_sources(source)) for name, source in named}))
-"""
 CALL = """
 from actors.deep import kernel
 print(kernel.twice(4), sum(kernel.twice.stats.cache_misses.values()))
 """
 KERNEL = "from actors.kernels import njit\nfrom actors.deep import (\n    constants,\n)\n\n\n"
+TWO = "TWO = 2\nHALF = 2\n"
+BOTH = {"kernel", "apart"}
+LOCAL = "    from actors.deep import constants\n    "
+APART = "@kernel\ndef half(x):\n    return x / numbers.HALF\n"
 TWICE = "@njit()\ndef twice(x):\n    return constants.TWO * x\n"
 
 
@@ -37,12 +37,15 @@ def package(tmp_path: Path) -> Path:
     (folder / "__init__.py").touch()
     (folder / "portable").mkdir()
     (folder / "portable" / "extensions.py").write_text("def register() -> None: pass\n")
-    for module in ("kernels.py", "kernel_dispatchers.py"):
+    for module in ("kernels.py", "kernel_dispatchers.py", "kernel_sources.py"):
         shutil.copy(Path(str(kernels.__file__)).with_name(module), folder)
     (folder / "deep" / "kernel.py").write_text(KERNEL + TWICE)
     (folder / "deep" / "constants.py").write_text("from actors.deep.numbers import TWO\n")
-    (folder / "deep" / "numbers.py").write_text("TWO = 2\n")
-    (folder / "deep" / "apart.py").write_text("from actors.deep.kernel import twice\n")
+    (folder / "deep" / "numbers.py").write_text(TWO)
+    (folder / "deep" / "others.py").write_text(TWO)
+    (folder / "deep" / "apart.py").write_text(
+        "from actors.kernels import kernel\nfrom actors.deep import numbers\n\n\n" + APART
+    )
     return folder
 
 
@@ -59,15 +62,71 @@ def python(package: Path, program: str) -> str:
     return done.stdout.strip()
 
 
-def test_change_affects_only_kernels_that_import_it(package: Path) -> None:
-    before = json.loads(python(package, STATES))
-    (package / "deep" / "numbers.py").write_text("TWO = 3\n")
-    after = json.loads(python(package, STATES))
-    changed = {name for name in before if before[name] != after[name]}
-    assert changed == {f"actors.deep.{name}" for name in ("kernel", "constants", "numbers", "apart")}
-    (package / "deep" / "apart.py").write_text("from actors.deep.kernel import twice as double\n")
-    last = json.loads(python(package, STATES))
-    assert {name for name in after if after[name] != last[name]} == {"actors.deep.apart"}
+def states() -> dict[str, str]:
+    remembered = (
+        kernel_sources._source,
+        kernel_sources._module,
+        kernel_sources._used,
+        kernel_sources._states,
+    )
+    try:
+        for function in remembered:
+            function.cache_clear()
+        return kernel_sources._states("actors")
+    finally:
+        for function in remembered:
+            function.cache_clear()
+
+
+@pytest.mark.parametrize(
+    ("file", "text", "changed"),
+    [
+        ("numbers", TWO.replace("TWO = 2", "TWO = 3"), {"kernel"}),
+        ("numbers", TWO.replace("HALF = 2", "HALF = 3"), {"apart"}),
+        ("numbers", f"{TWO}OTHER = 4\n", set()),
+        ("numbers", f'"""Numbers."""\n{TWO}"""Two."""  # a comment\n', set()),
+        ("numbers", "HALF = 2\nfor TWO in (1, 2):\n    pass\n", {"kernel"}),
+        ("numbers", f"{TWO}print(HALF)\n", BOTH),
+        ("numbers", "from actors.deep.others import *\n", BOTH),
+        ("numbers", "from actors.deep.others import HALF\nTWO = 2\n", {"apart"}),
+        ("kernel", KERNEL + "# a comment\n\n" + TWICE.replace("(x)", "(x: int) -> int"), set()),
+        ("kernel", KERNEL + TWICE.replace("* x", "+ x"), {"kernel"}),
+        ("kernel", KERNEL + TWICE + "def call():\n    return twice(2)\n", set()),
+        ("kernel", "from actors.kernels import njit\n" + TWICE.replace("    ", LOCAL), {"kernel"}),
+        ("constants", "from actors.deep.others import TWO\n", {"kernel"}),
+        ("kernel_dispatchers", "FORMAT = 2\n", BOTH),
+    ],
+)  # fmt: skip
+def test_a_change_affects_only_kernels_that_use_what_changes(
+    package: Path, file: str, text: str, changed: set[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(kernel_sources, "_ROOT", package.parent)
+    monkeypatch.setenv("NUMBA_CACHE_DIR", str(package / "cache"))
+    before = states()
+    path = next(package.rglob(f"{file}.py"))
+    path.write_text(text if path.parent != package else path.read_text() + text)
+    after = states()
+    assert {name for name in BOTH if before[f"actors.deep.{name}"] != after[f"actors.deep.{name}"]} == changed
+    assert (before[""] != after[""]) is bool(changed)
+
+
+def test_the_state_of_a_kernel_contains_every_global_name_that_it_uses() -> None:
+    checked = 0
+    for module in kernel_compilation.kernel_modules():
+        found = kernel_sources._used(module.__name__)
+        for value in list(vars(module).values()):
+            function = getattr(value, "function", getattr(value, "py_func", None))
+            if function is None or function.__module__ != module.__name__:
+                continue
+            for name in function.__code__.co_names:
+                used = function.__globals__.get(name)
+                if used is not None and not isinstance(used, ModuleType):
+                    checked += 1
+                    assert any(one == name for _, one in found), (function, name)
+                    source = getattr(used, "function", getattr(used, "py_func", None))
+                    if source is not None:
+                        assert (source.__module__, source.__name__) in found, (function, name)
+    assert checked > 300
 
 
 @pytest.mark.nightly
@@ -80,7 +139,7 @@ def test_a_kernel_is_compiled_once_and_again_when_what_it_imports_changes(packag
     assert python(package, CALL) == "8 0"
     (package / "deep" / "numbers.py").write_text("TWO = 3\n")
     assert python(package, CALL) == "12 1"
-    (package / "deep" / "numbers.py").write_text("TWO = 2\n")
+    (package / "deep" / "numbers.py").write_text(TWO)
     assert python(package, CALL) == "8 0", "the state before is kept"
 
 
@@ -101,22 +160,24 @@ def test_prune_keeps_current_and_previous_state(package: Path) -> None:
         python(package, CALL)
     (folder / "actors.gone-0123456789abcdef").mkdir()
     assert len(list(folder.glob("actors.deep.kernel-*"))) == 3
-    python(package, "from actors import kernels; kernels.prune_cache()")
+    python(package, "from actors import kernel_sources; kernel_sources.prune_cache()")
     assert len(list(folder.glob("actors.deep.kernel-*"))) == 2
     assert python(package, CALL) == "16 0"
 
 
-def test_kernel_sources_include_all_called_modules() -> None:
-    folder = Path(str(kernels.__file__)).parent
-    found = {str(source.relative_to(folder)) for source in kernels.kernel_sources()}
-    assert {"robot/navigation/disc_dwa.py", "portable/extensions.py", "floor/raster.py"} <= found
-    assert {"portable/elementary.py", "geometry.py"} <= found, "what kernels import"
-    assert not {"runtime/shell.py", "robot/navigation/navigator.py"} & found, "nothing that calls kernels"
-    for source in folder.rglob("*.py"):
-        text = source.read_text()
-        assert "from numba import njit" not in text, source
-        if "@njit(" in text or "@kernel" in text:
-            assert str(source.relative_to(folder)) in found
+def test_every_module_with_kernels_has_a_state_of_all_that_they_use_and_nothing_else() -> None:
+    used = kernel_sources.used_modules("actors.robot.navigation.disc_dwa")
+    assert {"actors.portable.elementary", "actors.portable.extensions"} <= used, "for all kernels"
+    assert {"actors.robot.navigation.disc_dwa", "actors.robot.navigation.map_grid"} <= used
+    assert not {"actors.runtime.shell", "actors.robot.navigation.navigator"} & used, (
+        "nothing that calls kernels"
+    )
+    for source in REPOSITORY.glob("*/**/*.py"):
+        name = kernel_sources.module_name(source)
+        if name.startswith(("actors", "cleaning", "logistics")):
+            text = source.read_text()
+            assert "from numba import njit" not in text, source
+            assert ("@njit(" not in text and "@kernel" not in text) or kernel_sources.module_state(name)
 
 
 def test_importing_actors_changes_no_process_state() -> None:

@@ -7,6 +7,7 @@ import subprocess
 import sys
 import zipfile
 from collections.abc import Mapping
+from functools import partial
 from pathlib import Path
 from typing import Any, Final
 
@@ -64,15 +65,25 @@ def test_one_digest_with_disabled_instructions(
     assert found["digest"] == expected["digest"]
 
 
-def digest(folder: Path, python: list[str], seconds: str, **environment: str) -> str:
-    """Return the digest of a run by another interpreter, which compiles its own kernels."""
+COMPILE: Final = """
+from actors.processes import kernel_compilation
+kernel_compilation.unpack_kernels = set
+kernel_compilation.compile_kernels()
+"""
+"""Compiles all kernels for this processor instead of using the machine code in the repository."""
+
+
+def digest(folder: Path, python: list[str], seconds: str, *, compiled: bool, **environment: str) -> str:
+    """Return the digest of a run by another interpreter; `compiled`: with kernels for this processor."""
     words = [*TASK[:-1], seconds, "--out", str(folder / "out"), "--json"]
     ours = {"PYTHONPATH": str(REPOSITORY), "NUMBA_CACHE_DIR": str(folder / "kernels")}
-    done = subprocess.run(
-        [*python, "-m", "acrc_testbed.command_line", "run", *words],
-        cwd=REPOSITORY, check=False, capture_output=True, text=True,
+    call = partial(
+        subprocess.run, cwd=REPOSITORY, capture_output=True, text=True,
         env={**os.environ, **ours, **environment},
     )  # fmt: skip
+    if compiled:
+        call([*python, "-c", COMPILE], check=True)
+    done = call([*python, "-m", "acrc_testbed.command_line", "run", *words])
     assert done.returncode == 0, done.stderr
     return str(json.loads(done.stdout)["digest"])
 
@@ -102,7 +113,10 @@ def test_one_digest_on_other_pythons_and_on_an_emulated_processor(
     else:
         python = other_python(computer, tmp_path)
     mine, other = tmp_path / "mine", tmp_path / "other"
-    assert digest(other, python, seconds, **environment) == digest(mine, [sys.executable], seconds)
+    expected = digest(mine, [sys.executable], seconds, compiled=True)
+    assert digest(other, python, seconds, compiled=False, **environment) == expected
+    if computer.startswith("3."):
+        assert digest(tmp_path / "compiled", python, seconds, compiled=True) == expected
 
 
 def other_python(version: str, folder: Path) -> list[str]:
