@@ -1,7 +1,14 @@
-"""Dispatchers of kernels, with a cache keyed by source content; imported on the first call of a kernel."""
+"""Dispatchers of kernels, with a cache keyed by source content; imported on the first call of a kernel.
+
+The repository contains the machine code of all kernels for every processor of an architecture, so that most
+computers compile none. An outdated archive costs only time: kernels whose sources have changed are compiled.
+"""
 
 import hashlib
+import lzma
 import pickle
+import platform
+import sys
 from collections.abc import Callable
 from contextlib import suppress
 from functools import cache as remembered
@@ -9,6 +16,7 @@ from pathlib import Path
 from typing import Any, Final
 
 import llvmlite.binding as llvm
+import msgspec
 import numba
 from numba import types
 from numba.core import entrypoints
@@ -27,6 +35,10 @@ from actors.portable import extensions
 
 _PART: Final = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True}
 """Options of a kernel called by another kernel: no wrappers for Python and C, which unpack arguments."""
+ARCHIVE: Final = Path(__file__).parent / f"kernels-{platform.machine()}.xz"
+Kernels = dict[str, dict[str, bytes]]
+"""Machine code by module with its state, and by the name of the file without the part for the processor."""
+PYTHON: Final = f"{sys.version_info.major}.{sys.version_info.minor}"
 extensions.register()
 entrypoints._already_initialized = True  # kernels use no extensions of installed packages
 
@@ -149,14 +161,27 @@ class _Cache(FunctionCache):  # type: ignore[misc]
         base = f"{self._impl.locator.get_cache_path()}/{self._impl.filename_base}"
         self._cache_file = _Files(f"{base}.{kind}")
 
+    def _index_key(self, signature: Any, codegen: Any) -> tuple[Any, str, str]:
+        function = self._py_func
+        cells = tuple(cell.cell_contents for cell in function.__closure__ or ())
+        return signature, _machine(), _hash((function.__code__.co_code, dumps(cells) if cells else b""))
+
     def load_overload(self, sig: Any, target_context: Any) -> Any:
         """Load without numba's registries of functions, which only compilation needs."""
         found = self._load_overload(sig, target_context)
+        if found is None and unpack_once():
+            found = self._load_overload(sig, target_context)
         if found is None:
             with hidden_scipy():
                 target_context.typing_context.refresh()
                 target_context.refresh()
         return found
+
+
+@remembered
+def unpack_once() -> bool:
+    """Unpack the kernels in the repository; return whether they are in the cache now."""
+    return bool(unpack_kernels())
 
 
 class _Files:
@@ -181,12 +206,13 @@ class _Files:
 
     def _name(self, key: Any) -> str:
         signature, machine, code = key
-        return f"{self._base}.{_hash((signature, code))}.{_hash(machine)}.nbc"
+        return f"{self._base}.{_hash((signature, code))}.{machine}.nbc"
 
 
-def machine_ending() -> str:
-    """Return the end of the names of files with machine code for this computer's processor."""
-    return f".{_hash(cpu_target.target_context.codegen().magic_tuple())}.nbc"
+@remembered
+def _machine() -> str:
+    """Return a hash of the processor for which kernels are compiled."""
+    return _hash(cpu_target.target_context.codegen().magic_tuple())
 
 
 def _hash(value: object) -> str:
@@ -195,3 +221,27 @@ def _hash(value: object) -> str:
 
 def _roots() -> tuple[Path, Path]:
     return cache_folder(), Path(AppDirs(appname="acrc", appauthor=False).user_cache_dir, "kernels")
+
+
+def unpack_kernels() -> set[str]:
+    """Copy all kernels of the archive that are current into the cache; return the names of their modules."""
+    archived = read_archive().get(PYTHON, {})
+    states = {
+        module: one
+        for one in archived
+        if one == f"{(module := one.rpartition('-')[0])}-{module_state(module)}"
+    }
+    for state in states.values():
+        for name, code in archived[state].items():
+            path = cache_folder() / state / f"{name}.{_machine()}.nbc"
+            if not path.exists() and not write_file(path, code):
+                return set()
+    return set(states)
+
+
+def read_archive() -> dict[str, Kernels]:
+    """Return the kernels of the archive by Python version; {}: none for this processor, or it is damaged."""
+    with suppress(OSError, lzma.LZMAError, msgspec.MsgspecError):
+        content = lzma.decompress(ARCHIVE.read_bytes())
+        return msgspec.msgpack.decode(content, type=dict[str, Kernels])
+    return {}

@@ -51,13 +51,15 @@ _found: Final[dict[Kernel, list[tuple[dict[str, Any], str]]]] = {}
 
 
 def _names_of(kernel: Kernel) -> list[tuple[dict[str, Any], str]]:
-    """Return the global names in which this kernel has to be replaced."""
-    for module in sys.modules.keys() - _searched:
-        names = getattr(sys.modules[module], "__dict__", {})
-        for name, value in names.items():
-            if type(value) is Kernel:
-                _found.setdefault(value, []).append((names, name))
-    _searched.update(sys.modules)
+    """Return the global names in which this kernel has to be replaced, except in installed packages."""
+    if len(sys.modules) > len(_searched):
+        for module in sys.modules.keys() - _searched:
+            names = getattr(sys.modules[module], "__dict__", {})
+            if "site-packages" not in str(names.get("__file__")):
+                for name, value in names.items():
+                    if type(value) is Kernel:
+                        _found.setdefault(value, []).append((names, name))
+        _searched.update(sys.modules)
     return _found.pop(kernel, [])
 
 

@@ -202,6 +202,9 @@ app = typer.Typer(
 def main() -> None:
     """Run the command line; an error is one line on standard error and exit code 1, or 2 for wrong usage."""
     protect_standard_streams()
+    os.environ.setdefault(
+        "OPENBLAS_NUM_THREADS", "1"
+    )  # before numpy, whose import takes twice as long with more
     gc.set_threshold(500_000, 10, 10)  # imported modules are never garbage; scanning them costs 10 %
     try:
         with signals_as_interrupts(), missing_extra_named():

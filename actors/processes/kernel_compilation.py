@@ -1,9 +1,16 @@
-"""The numeric kernels before the first run: unpacked, or compiled, which takes up to two minutes."""
+"""The numeric kernels before the first run: unpacked, or compiled, which takes up to two minutes.
 
+`python -m actors.processes.kernel_compilation` compiles all kernels for every processor of this architecture,
+and puts them into the archive in place of those of the same Python version. It does so in one process with
+a fixed order, so that the same sources and libraries give the same bytes.
+"""
+
+import lzma
 import os
 import platform
 import subprocess
 import sys
+import tempfile
 import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
@@ -11,13 +18,14 @@ from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager, suppress
 from functools import cache
 from importlib.metadata import version
+from pathlib import Path
 from typing import Final
 
+import msgspec
 import numpy as np
 
 from actors.kernel_sources import module_state, prune_cache, used_modules
-from actors.kernels import cache_folder
-from actors.processes.kernel_archive import COMPILER, unpack_kernels, write_archive
+from actors.kernels import cache_folder, load_numba, write_file
 from actors.runtime.process_table import python_command
 from actors.runtime.processor import KernelModule, fingerprints, processor
 
@@ -27,6 +35,9 @@ _DONE: Final = "complete"
 
 _TASKS: Final = ("cleaning.visits",)
 """Modules with kernels of tasks."""
+_COMPILER: Final = ("-m", "actors.processes.kernel_compiler")
+"""Options of Python for a process that compiles the modules in its input and prints their names."""
+_GENERIC: Final = {"NUMBA_CPU_NAME": "generic", "NUMBA_CPU_FEATURES": "", "PYTHONHASHSEED": "0"}
 _MAX_PROCESSES: Final = 4
 """Most processes: one module alone takes a quarter of the time."""
 
@@ -38,7 +49,7 @@ def compile_kernels(*, quiet: bool = False, onboard: bool = False) -> None:
     """
     if are_compiled(onboard=onboard):
         return
-    found = unpack_kernels()
+    found = load_numba().unpack_kernels()
     modules = [one for one in kernel_modules(onboard=onboard) if one.__name__ not in found]
     if modules:
         with _progress(len(modules), quiet=quiet) as report_progress:
@@ -92,7 +103,7 @@ class _Compilation:
     def _compile_modules(self, _: int) -> KernelModule | None:
         """Compile modules in one process; return the module at which it failed, if any."""
         with subprocess.Popen(
-            [*python_command(), *COMPILER], stdin=subprocess.PIPE, stdout=subprocess.PIPE,
+            [*python_command(), *_COMPILER], stdin=subprocess.PIPE, stdout=subprocess.PIPE,
             stderr=subprocess.DEVNULL, text=True, bufsize=1,
         ) as compiler:  # fmt: skip
             try:
@@ -157,6 +168,29 @@ def kernel_modules(*, onboard: bool = False) -> Sequence[KernelModule]:
 def archived_modules() -> list[str]:
     """Return the names of all modules with kernels, in the order in which the archive's are compiled."""
     return [*(module.__name__ for module in kernel_modules()), *_TASKS]
+
+
+def compile_archived(modules: list[str]) -> dict[str, dict[str, bytes]]:
+    """Compile these modules for every processor of this architecture; return their `Kernels`."""
+    with tempfile.TemporaryDirectory() as folder:
+        environment = {**os.environ, **_GENERIC, "NUMBA_CACHE_DIR": folder}
+        names = "".join(f"{module}\n" for module in modules)
+        subprocess.run(
+            [*python_command(), *_COMPILER], input=names, env=environment, text=True, check=True,
+            stdout=subprocess.DEVNULL,
+        )  # fmt: skip
+        found: dict[str, dict[str, bytes]] = {f"{one}-{module_state(one)}": {} for one in modules}
+        for path in Path(folder).glob("*/*.whole.*"):
+            found.setdefault(path.parent.name, {})[path.with_suffix("").stem] = path.read_bytes()
+        return found
+
+
+def write_archive(modules: list[str]) -> None:
+    """Compile these modules and put them into the archive, in place of those of this Python version."""
+    numba = load_numba()
+    archived = numba.read_archive() | {numba.PYTHON: compile_archived(modules)}
+    content = msgspec.msgpack.encode(archived, order="sorted")
+    write_file(numba.ARCHIVE, lzma.compress(content, preset=9 | lzma.PRESET_EXTREME))
 
 
 @contextmanager

@@ -19,6 +19,8 @@ with hidden_scipy():
     from numba.core import cpu, event, ir, pythonapi
     from numba.np.ufunc import array_exprs
 
+    from actors import kernel_dispatchers
+
 _INIT_LOCATION: Final = ir.Loc.__init__
 _THRESHOLDS: Final = (50_000, 20, 100)
 """Thresholds of the garbage collector; without it, the process takes twice the memory."""
@@ -29,6 +31,7 @@ def change_numba() -> None:
     gc.freeze()
     gc.set_threshold(*_THRESHOLDS)
     event.start_event = event.end_event = lambda *_, **__: None
+    kernel_dispatchers.unpack_once = lambda: False
     ir.Loc.__init__ = _init_location
     cpu.CPUContext.__repr__ = lambda _: "CPUContext"
     numbers = itertools.count()

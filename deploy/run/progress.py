@@ -3,21 +3,21 @@
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from typing import Final
-
-from rich.console import Console
-from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
+from typing import TYPE_CHECKING, Final
 
 from actors.console import create_console
 from actors.instant import in_seconds
 from actors.messages import Progress as ProgressMessage
 from actors.task.task import TaskDeclaration
 
+if TYPE_CHECKING:
+    from rich.console import Console
+
 LINE_INTERVAL_S: Final = 10.0
 """Wall time between two lines, s."""
 
 
-def line_printer(console: Console) -> Callable[[str], None]:
+def line_printer(console: "Console") -> Callable[[str], None]:
     """Return a function that prints at most one line per LINE_INTERVAL_S."""
     last = time.monotonic()
 
@@ -49,6 +49,8 @@ def show_progress(
             f"{_done_text(message, items, task)}"
         )
         return
+    from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn  # noqa: PLC0415
+
     columns = (
         TextColumn("{task.fields[what]}"),
         BarColumn(),

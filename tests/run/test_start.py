@@ -21,8 +21,9 @@ from acrc_testbed.experiments.campaign import CampaignProgress
 from actors.floor import raster
 from actors.floor.map_file import load_map
 from actors.installation.repository import REPOSITORY
+from actors.kernels import load_numba
 from actors.messages import Progress
-from actors.processes import kernel_archive, kernel_compilation
+from actors.processes import kernel_compilation
 from actors.processes.launcher import Program, create_launcher
 from actors.processes.monitor import Timeout
 from actors.robot import assembly
@@ -45,14 +46,14 @@ CHAPTER = MAPS.parent / "scenarios" / "chapter.toml"
 def cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path))
     monkeypatch.setattr(kernel_compilation, "kernel_modules", lambda onboard=False: (visits,))
-    monkeypatch.setattr(kernel_compilation, "unpack_kernels", set)
+    monkeypatch.setattr(load_numba(), "unpack_kernels", set)
     return tmp_path
 
 
 def test_compiling_is_announced_until_the_cache_is_complete(
     cache: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(kernel_compilation, "COMPILER", ("-c", "raise SystemExit"))
+    monkeypatch.setattr(kernel_compilation, "_COMPILER", ("-c", "raise SystemExit"))
     monkeypatch.setattr(kernel_compilation, "fingerprints", lambda modules: None)
     kernel_compilation.compile_kernels()
     first, second = capsys.readouterr().err.splitlines()
@@ -81,7 +82,7 @@ def test_modules_that_helpers_fail_to_compile_are_compiled(
     cache: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     asked: list[str] = []
-    monkeypatch.setattr(kernel_compilation, "COMPILER", ("-c", "raise SystemExit"))
+    monkeypatch.setattr(kernel_compilation, "_COMPILER", ("-c", "raise SystemExit"))
     monkeypatch.setattr(kernel_compilation, "kernel_modules", lambda onboard=False: (visits, scans))
     monkeypatch.setattr(
         kernel_compilation, "fingerprints", lambda modules: asked.extend(m.__name__ for m in modules)
@@ -94,7 +95,7 @@ def test_modules_that_helpers_fail_to_compile_are_compiled(
 @pytest.mark.nightly
 def test_kernels_of_the_compiler_are_those_of_any_other_process(tmp_path: Path) -> None:
     environment = os.environ | {"NUMBA_CACHE_DIR": str(tmp_path)}
-    command = [*python_command(), *kernel_archive.COMPILER]
+    command = [*python_command(), *kernel_compilation._COMPILER]
     module = f"{scans.__name__}\n"
     for _ in range(2):  # compiled, then loaded
         done = subprocess.run(

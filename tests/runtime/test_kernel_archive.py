@@ -8,10 +8,9 @@ from pathlib import Path
 import msgspec
 import pytest
 
+from actors import kernel_dispatchers
 from actors.kernel_sources import module_state
-from actors.kernels import load_numba
-from actors.processes import kernel_archive
-from actors.processes.kernel_compilation import archived_modules
+from actors.processes.kernel_compilation import archived_modules, compile_archived
 from actors.runtime.recording import scans
 from cleaning import visits
 
@@ -35,7 +34,7 @@ def cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 def test_the_archive_is_that_of_the_sources() -> None:
-    archived = kernel_archive.read_archive()[kernel_archive.PYTHON]
+    archived = kernel_dispatchers.read_archive()[kernel_dispatchers.PYTHON]
     modules = archived_modules()
     assert {f"{one}-{module_state(one)}" for one in modules} <= archived.keys(), f"outdated; run {COMMAND}"
     assert len(archived) < len(modules) + 3, f"more than the current state; run {COMMAND}"
@@ -50,36 +49,29 @@ def test_the_archive_is_that_of_the_sources() -> None:
 @pytest.mark.timeout(600)
 def test_a_compilation_gives_the_bytes_of_the_archive() -> None:
     modules = archived_modules()
-    assert kernel_archive.compile_archived(modules) == kernel_archive.read_archive()[kernel_archive.PYTHON]
+    assert compile_archived(modules) == kernel_dispatchers.read_archive()[kernel_dispatchers.PYTHON]
 
 
 def test_unpacked_kernels_are_loaded_without_compilation(cache: Path) -> None:
-    assert kernel_archive.unpack_kernels() >= {*archived_modules()}
-    files = {path: path.stat().st_mtime_ns for path in cache.rglob("*.nbc")}
     found = subprocess.run([sys.executable, "-c", LOAD], check=True, stdout=subprocess.PIPE, text=True).stdout
-    assert repr(scans.__name__) in found and visits.__name__ in found
-    kernel_archive.unpack_kernels()
+    assert repr(scans.__name__) in found and visits.__name__ in found, "unpacked by the first kernel"
+    assert kernel_dispatchers.unpack_kernels() >= {*archived_modules()}
+    files = {path: path.stat().st_mtime_ns for path in cache.rglob("*.nbc")}
     assert files == {path: path.stat().st_mtime_ns for path in cache.rglob("*.nbc")}, "written once"
 
 
 def test_without_a_valid_archive_and_without_a_cache_nothing_is_unpacked(
     cache: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    whole = kernel_archive.ARCHIVE.read_bytes()
+    whole = kernel_dispatchers.ARCHIVE.read_bytes()
     archive = tmp_path / "archive.xz"
-    monkeypatch.setattr(kernel_archive, "ARCHIVE", archive)
-    assert kernel_archive.unpack_kernels() == set(), "no file"
-    outdated = {kernel_archive.PYTHON: {"cleaning.visits-0123456789abcdef": {"x": b""}}}
+    monkeypatch.setattr(kernel_dispatchers, "ARCHIVE", archive)
+    assert kernel_dispatchers.unpack_kernels() == set(), "no file"
+    outdated = {kernel_dispatchers.PYTHON: {"cleaning.visits-0123456789abcdef": {"x": b""}}}
     for content in (b"", whole[:5000], lzma.compress(b"x"), lzma.compress(msgspec.msgpack.encode(outdated))):
         archive.write_bytes(content)
-        assert kernel_archive.unpack_kernels() == set() and not [*cache.rglob("*.nbc")]
+        assert kernel_dispatchers.unpack_kernels() == set() and not [*cache.rglob("*.nbc")]
     archive.write_bytes(whole)
     cache.parent.joinpath("file").touch()
     monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path / "file"))
-    assert kernel_archive.unpack_kernels() == set(), "no folder for the cache"
-
-
-def test_names_in_the_archive_end_with_the_processor_in_the_cache(cache: Path) -> None:
-    kernel_archive.unpack_kernels()
-    ending = load_numba().machine_ending()
-    assert len(ending) == 21 and all(path.name.endswith(ending) for path in cache.rglob("*.nbc"))
+    assert kernel_dispatchers.unpack_kernels() == set(), "no folder for the cache"

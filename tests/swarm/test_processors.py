@@ -66,9 +66,10 @@ def test_one_digest_with_disabled_instructions(
 
 
 COMPILE: Final = """
-from actors.processes import kernel_compilation
-kernel_compilation.unpack_kernels = set
-kernel_compilation.compile_kernels()
+from actors.kernels import load_numba
+from actors.processes.kernel_compilation import compile_kernels
+load_numba().unpack_kernels = set
+compile_kernels()
 """
 """Compiles all kernels for this processor instead of using the machine code in the repository."""
 
