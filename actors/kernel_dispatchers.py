@@ -226,17 +226,16 @@ def _roots() -> tuple[Path, Path]:
 def unpack_kernels() -> set[str]:
     """Copy all kernels of the archive that are current into the cache; return the names of their modules."""
     archived = read_archive().get(PYTHON, {})
-    states = {
-        module: one
-        for one in archived
-        if one == f"{(module := one.rpartition('-')[0])}-{module_state(module)}"
-    }
-    for state in states.values():
-        for name, code in archived[state].items():
-            path = cache_folder() / state / f"{name}.{_machine()}.nbc"
-            if not path.exists() and not write_file(path, code):
-                return set()
-    return set(states)
+    found = set()
+    for folder, codes in archived.items():
+        module, _, state = folder.rpartition("-")
+        if state == module_state(module):
+            found.add(module)
+            for name, code in codes.items():
+                path = cache_folder() / folder / f"{name}.{_machine()}.nbc"
+                if not path.exists() and not write_file(path, code):
+                    return set()
+    return found
 
 
 def read_archive() -> dict[str, Kernels]:

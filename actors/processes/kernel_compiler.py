@@ -9,6 +9,7 @@ import gc
 import importlib
 import itertools
 import sys
+from functools import cache
 from typing import Any, Final
 
 from actors.installation.repository import REPOSITORY
@@ -31,7 +32,7 @@ def change_numba() -> None:
     gc.freeze()
     gc.set_threshold(*_THRESHOLDS)
     event.start_event = event.end_event = lambda *_, **__: None
-    kernel_dispatchers.unpack_once = lambda: False
+    kernel_dispatchers.unpack_once = cache(lambda: False)
     ir.Loc.__init__ = _init_location
     cpu.CPUContext.__repr__ = lambda _: "CPUContext"
     numbers = itertools.count()
