@@ -132,9 +132,17 @@ class OccupancyGrid:
         )
 
     def centres(self) -> tuple[Floats, Floats]:
-        """Return the x of all columns' centres, (columns,), and the y of all rows' centres, (rows,), m."""
+        """Return the x of all columns' centres, (columns,), and the y of all rows' centres, (rows,), m.
+
+        Read-only.
+        """
+        return self._centres
+
+    @cached_property
+    def _centres(self) -> tuple[Floats, Floats]:
         x = self.origin.x + (np.arange(self.columns, dtype=np.float64) + 0.5) * self.resolution
         y = self.origin.y + (np.arange(self.rows, dtype=np.float64) + 0.5) * self.resolution
+        x.flags.writeable = y.flags.writeable = False
         return x, y
 
     def is_free(self, point: Point) -> bool:
