@@ -2,6 +2,7 @@
 
 import socket
 import threading
+from collections.abc import Iterable, Iterator
 from dataclasses import replace
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
@@ -343,10 +344,11 @@ class FakeLauncher:
     def withdraw(self, router: Path) -> None:
         """Do nothing."""
 
-    def start(self, program: Program) -> ChildProcess:
-        self.started.append(program.actor)
-        self.children[program.actor] = ChildProcess(program, pid=2**22 + len(self.started))
-        return self.children[program.actor]
+    def start_all(self, programs: Iterable[Program]) -> Iterator[ChildProcess]:
+        for program in programs:
+            self.started.append(program.actor)
+            self.children[program.actor] = ChildProcess(program, pid=2**22 + len(self.started))
+            yield self.children[program.actor]
 
     def wait(self, _timeout_s: float) -> None:
         for name, code in (self.ends.pop(0) if self.ends else {}).items():
