@@ -1,5 +1,6 @@
 """The cleaning robot with the chapter's adaptation layer: it detects that it is blocked and recovers."""
 
+from collections.abc import Iterable
 from typing import Final, NamedTuple, Self
 
 from numpy.random import Generator
@@ -82,6 +83,10 @@ class AdaptiveCleaningRobot(CleaningRobot):
         positioning.disregard([peer.position for peer in peers])
         return replace(self, peers=peers)
 
+    def unblocked(self) -> Self:
+        """Return the robot as not blocked, with both counters at 0."""
+        return replace(self, state=State.FREE, still_for=0, blocked_for=0)
+
     def with_peer(self, peer: PeerPosition) -> Self:
         """Return the robot with an updated peer."""
         return replace(self, peers=(*(other for other in self.peers if other.id != peer.id), peer))
@@ -111,11 +116,15 @@ class AdaptiveCleaningRobot(CleaningRobot):
 
     def places_taken_by(self, peer: Cleaner) -> frozenset[ItemKey]:
         """Return the places of its route that the peer has adopted with a higher term."""
-        terms = {takeover.key: takeover.term for takeover in peer.adopted}
+        return self.places_claimed(peer.id, peer.adopted)
+
+    def places_claimed(self, peer: str, claims: Iterable[Takeover | Assignment]) -> frozenset[ItemKey]:
+        """Return the places of its route that a peer claims with a higher term."""
+        terms = {claim.key: claim.term for claim in claims}
         return frozenset(
-            assignment.key
-            for assignment in self.route
-            if assignment.key in terms and (terms[assignment.key], peer.id) > (assignment.term, self.id)
+            mine.key
+            for mine in self.route
+            if mine.key in terms and (terms[mine.key], peer) > (mine.term, self.id)
         )
 
     def leaving_to(self, peer: Cleaner, now: Instant, *, exchange: bool) -> Self:
@@ -129,7 +138,8 @@ class AdaptiveCleaningRobot(CleaningRobot):
         if mine is None or mine.key not in taken:
             return robot
         robot = robot.heading_for(robot.route[0] if robot.route else None)._reset_counters()
-        offered = peer.former if exchange and _is_destination(peer, mine) else None
+        is_theirs = peer.destination is not None and peer.destination.key == mine.key
+        offered = peer.former if exchange and is_theirs else None
         return robot if offered is None else replace(robot.adopting(offered, now), former=None)
 
     def _count_attempt(self, monitor: TaskMonitor, now: Instant) -> Self:
@@ -154,10 +164,4 @@ class AdaptiveCleaningRobot(CleaningRobot):
 
     def _reset_counters(self) -> Self:
         """Return the robot with the counters of a new destination."""
-        if not self.parameters.recount:
-            return replace(self, blocked_for=0)
-        return replace(self, blocked_for=0, still_for=0, state=State.FREE)
-
-
-def _is_destination(peer: Cleaner, assignment: Assignment) -> bool:
-    return peer.destination is not None and peer.destination.key == assignment.key
+        return self.unblocked() if self.parameters.recount else replace(self, blocked_for=0)

@@ -12,7 +12,7 @@ from actors.geometry import Point
 from actors.robot.behaviour import MAX_BACK_OUT, FloorPlan, Navigation
 from actors.settings import check_range
 from cleaning.adaptive import AdaptiveCleaningRobot
-from cleaning.cleaner import Cleaner, State
+from cleaning.cleaner import Cleaner
 from cleaning.parameters import AdaptationParameters
 from deeco import Duration, Instant, adaptation, component, ensemble, periodic, replace, seconds
 
@@ -64,7 +64,7 @@ class YieldingRobot(AdaptiveCleaningRobot):
         if self.waits_until is None:
             return self
         if now < self.waits_until:
-            return replace(self, state=State.FREE, still_for=0, blocked_for=0)
+            return self.unblocked()
         return replace(self, waits_until=None, attempt=self.attempt + 1)
 
     @adaptation

@@ -171,7 +171,7 @@ class LogisticsJudge(Judge):
 
     def progress(self, present: Collection[str]) -> TaskProgress:
         """Count undelivered and delivered orders."""
-        done = sum(int(one.delivered is not None) for one in self._orders.values())
+        done = sum(one.delivered is not None for one in self._orders.values())
         return TaskProgress(len(self._orders) - done, done)
 
     def outcome(self, present: Collection[str], end: Instant) -> TaskOutcome:
@@ -181,7 +181,7 @@ class LogisticsJudge(Judge):
         delivered = [one.delivered for one in orders if one.delivered is not None]
         values |= {
             "orders_total": len(orders),
-            "robots_empty": sum(int(one.empty is not None) for one in robots),
+            "robots_empty": sum(one.empty is not None for one in robots),
             "first_empty_s": _seconds(
                 min((one.empty for one in robots if one.empty is not None), default=None)
             ),
@@ -189,7 +189,7 @@ class LogisticsJudge(Judge):
         }
         by_robot = {
             robot: {
-                "orders_total": sum(int(one.key.owner == robot) for one in orders),
+                "orders_total": sum(one.key.owner == robot for one in orders),
                 **_values([one for one in orders if one.carrier == robot], [state], end),
             }
             for robot, state in self._robots.items()
@@ -311,10 +311,10 @@ def _values(orders: Collection[OrderState], robots: Iterable[RobotState], end: i
     late = [max(0, min(one.delivered or end, end) - one.order.deadline) for one in orders]
     states = [*robots]
     return {
-        "orders_delivered": sum(int(one.delivered is not None) for one in orders),
-        "orders_late": sum(int(one > 0) for one in late),
-        "lateness_s": round(sum(int(one) for one in late) / 1e6, 3),
-        "charging_s": round(sum(int(one.charging_us) for one in states) / 1e6, 3),
-        "queueing_s": round(sum(int(one.queueing_us) for one in states) / 1e6, 3),
-        "reports_refused": sum(int(one.refused) for one in states),
+        "orders_delivered": sum(one.delivered is not None for one in orders),
+        "orders_late": sum(one > 0 for one in late),
+        "lateness_s": round(sum(late) / 1e6, 3),
+        "charging_s": round(sum(one.charging_us for one in states) / 1e6, 3),
+        "queueing_s": round(sum(one.queueing_us for one in states) / 1e6, 3),
+        "reports_refused": sum(one.refused for one in states),
     }

@@ -1,6 +1,6 @@
 """The logistics robot: carries its orders, nearest first, and charges when its battery is low.
 
-Strategies derive from `DeliveryRobot` and replace `next_order`, `needs_charge` and `best_charger`.
+Strategies derive from `DeliveryRobot` and replace `next_order`, `needs_charge` and `charger_costs`.
 """
 
 from collections.abc import Container, Mapping
@@ -137,7 +137,7 @@ class DeliveryRobot(Carrier):
         """Choose charger or order, and report what is done at the target."""
         robot = self._with_charger(floor, monitor, now)
         if robot.charger >= 0:
-            return replace(robot, target=robot.charging_point(), current=None)
+            return replace(robot, target=robot.chargers[robot.charger], current=None)
         held = robot.next_order(floor)
         if held is None:
             return replace(robot, target=None, current=None)
@@ -187,19 +187,15 @@ class DeliveryRobot(Carrier):
         """Return True if the robot should leave its charger."""
         return self.charge >= self.parameters.enough
 
+    def charger_costs(self) -> Mapping[int, float]:
+        """Return the cost of each charger to consider, beside the way to it, m."""
+        return dict.fromkeys(range(len(self.chargers)), 0.0)
+
     def best_charger(self, floor: FloorPlan) -> int:
-        """Return the nearest charger that is not known to have failed; -1: there is none."""
-        return self.cheapest(dict.fromkeys(range(len(self.chargers)), 0.0), floor)
-
-    def charging_point(self) -> Point:
-        """Return the point to which the robot drives for its charger, m."""
-        return self.chargers[self.charger]
-
-    def cheapest(self, extra: Mapping[int, float], floor: FloorPlan) -> int:
-        """Return the charger with the least sum of distance and extra cost, m, that may work; -1: none."""
+        """Return the charger with the least sum of distance and cost that may work; -1: there is none."""
         costs = [
             (cost + distance(floor, self.position, self.chargers[index]), index)
-            for index, cost in extra.items()
+            for index, cost in self.charger_costs().items()
             if index not in self.failed
         ]
         return min(costs, default=(0.0, -1))[1]

@@ -8,6 +8,7 @@ from actors.floor.placement import PlacementError, draw_points
 from actors.geometry import Point
 from actors.portable import draws
 from actors.runtime.errors import AcrcError
+from actors.settings import Place
 from actors.task.task import DrawInput, JudgeSetup, MarkStyle, Metric, Task, TaskDeclaration
 from logistics.demand import LogisticsTable
 from logistics.items import Charger, Item, Report, Station
@@ -79,9 +80,8 @@ class Logistics(Task):
 
     def draw(self, settings: LogisticsTable, placing: DrawInput) -> tuple[Any, ...]:
         """Return stations and chargers, equal for all robots: as listed, else drawn. Raises AcrcError."""
-        stations = [Point(*point) for point in settings.stations]
-        stations = stations or _drawn("stations", settings.station_count, placing, settings.chargers)
-        chargers = [Point(*point) for point in settings.chargers]
+        stations, chargers = settings.stations, settings.chargers
+        stations = stations or _drawn("stations", settings.station_count, placing, chargers)
         chargers = chargers or _drawn("chargers", settings.charger_count, placing, stations)
         return (*(Station(*point) for point in stations), *(Charger(*point) for point in chargers))
 
@@ -114,7 +114,7 @@ class Logistics(Task):
         return {name: [] for name in ("stations", "chargers") if getattr(settings, name)}
 
 
-def _drawn(kind: str, count: int, placing: DrawInput, others: Sequence[tuple[float, float]]) -> list[Point]:
+def _drawn(kind: str, count: int, placing: DrawInput, others: Sequence[Place]) -> tuple[Place, ...]:
     try:
         points = draw_points(
             placing.grid,
@@ -128,4 +128,4 @@ def _drawn(kind: str, count: int, placing: DrawInput, others: Sequence[tuple[flo
         )
     except PlacementError as error:
         raise AcrcError(f"cannot draw {count} {kind}: {error}") from error
-    return [Point(round(point.x, 3), round(point.y, 3)) for point in points]
+    return tuple((round(point.x, 3), round(point.y, 3)) for point in points)

@@ -84,17 +84,10 @@ class BiddingRobot(YieldingRobot, Bidder):
 
     def places_taken_by(self, peer: Cleaner) -> frozenset[ItemKey]:
         """Return also places that the peer holds, by its bids, with a higher term."""
-        gone = super().places_taken_by(peer)
-        if not isinstance(peer, Bidder):
-            return gone
-        heard = {bid.assignment.key: bid.assignment.term for bid in peer.bids}
-        return gone | {
-            mine.key
-            for mine in self.route
-            if mine.key in heard and (heard[mine.key], peer.id) > (mine.term, self.id)
-        }
+        bids = peer.bids if isinstance(peer, Bidder) else ()
+        return super().places_taken_by(peer) | self.places_claimed(peer.id, (bid.assignment for bid in bids))
 
-    def adopt_cheaper(self, peer: Bidder, floor: FloorPlan, now: Instant) -> Self:
+    def adopt_cheaper(self, peer: Bidder, floor: FloorPlan) -> Self:
         """Return the robot with those of the peer's places that reduce the sum of squared loads."""
         robot, p = self, self.parameters
         costs, theirs = PathCosts(floor, p.door_charge), peer.load
@@ -149,11 +142,9 @@ class Auction:
         """Return True if the coordinator has bids and the member can move."""
         return bool(coordinator.bids) and not member.is_blocked()
 
-    def at_member(
-        self, coordinator: Bidder, member: BiddingRobot, floor: FloorPlan, now: Instant
-    ) -> BiddingRobot:
+    def at_member(self, coordinator: Bidder, member: BiddingRobot, floor: FloorPlan) -> BiddingRobot:
         """Adopt places that the member can visit at lower cost."""
-        return member.adopt_cheaper(coordinator, floor, now)
+        return member.adopt_cheaper(coordinator, floor)
 
 
 @ensemble(every=seconds(1))

@@ -21,7 +21,6 @@ from actors.robot.behaviour import (
 from actors.settings import check_range
 from cleaning.adaptive import AdaptiveCleaningRobot
 from cleaning.adoption import exchanges
-from cleaning.cleaner import State
 from cleaning.parameters import AdaptationParameters
 from deeco import Duration, Instant, adaptation, component, periodic, replace, seconds
 
@@ -77,7 +76,7 @@ class CarefulRobot(AdaptiveCleaningRobot):
             positioning.relocalise()
             navigation.back_out(p.back_out)
             return replace(self, looked=True)
-        return replace(self, state=State.FREE, still_for=0, blocked_for=0)
+        return self.unblocked()
 
 
 def behaviour(start: Start) -> Behaviour:

@@ -10,7 +10,7 @@ from typing import NamedTuple, Self
 
 from actors.robot.behaviour import Behaviour, FloorPlan, Navigation, Start, from_settings, host
 from cleaning.adoption import exchanges
-from cleaning.cleaner import Cleaner, State
+from cleaning.cleaner import Cleaner
 from cleaning.place import Assignment
 from cleaning.yielding import SteppingAside, Yielding, YieldingParameters, YieldingRobot
 from deeco import (
@@ -100,7 +100,7 @@ class LeasingRobot(YieldingRobot, Lessee):
             navigation.resume()
             return robot._avoid_door(floor)
         navigation.pause()
-        return replace(robot, held_since=since, state=State.FREE, still_for=0, blocked_for=0)
+        return replace(robot.unblocked(), held_since=since)
 
     def is_held_up(self, floor: FloorPlan) -> bool:
         """Return True near a door leased by another robot, unless this robot stands in a door."""

@@ -62,7 +62,7 @@ class OracleRobot(BiddingRobot):
             if HigherBid().membership(peer, robot):
                 robot = robot.leaving_to(peer, now, exchange=False)
             if Auction().membership(peer, robot):
-                robot = robot.adopt_cheaper(peer, floor, now)
+                robot = robot.adopt_cheaper(peer, floor)
             if yielding.membership(peer, robot):
                 robot = robot.request_back_out(floor, now)
             if p.make_way and aside.membership(peer, robot):

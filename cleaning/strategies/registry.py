@@ -73,17 +73,15 @@ def entry(strategy: str) -> str:
 def _entry(strategy: str) -> str:
     if ":" in strategy:
         return strategy
-    known = strategies()
-    for one in known:
-        if one.name == strategy and one.fault:
-            raise StrategyError(f"strategy {one.fault}")
-    entries = {one.name: one.entry for one in known}
-    if strategy not in entries:
+    known = {one.name: one for one in strategies()}
+    if strategy not in known:
         raise StrategyError(
-            f"unknown strategy {strategy!r}; choose from {', '.join(sorted(entries))}, "
+            f"unknown strategy {strategy!r}; choose from {', '.join(sorted(known))}, "
             f"or give module:function of your own, such as {strategy.removesuffix('.py')}:behaviour"
         )
-    return entries[strategy]
+    if known[strategy].fault:
+        raise StrategyError(f"strategy {known[strategy].fault}")
+    return known[strategy].entry
 
 
 def strategies() -> tuple[Strategy, ...]:

@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 from typing import NamedTuple, Self
 
 from actors.geometry import Point
-from actors.robot.behaviour import Behaviour, FloorPlan, Start, from_settings, host
+from actors.robot.behaviour import Behaviour, Start, from_settings, host
 from deeco import Duration, Instant, component, ensemble, periodic, replace, seconds
 from logistics.carrier import Carrier
 from logistics.robot import DeliveryParameters, DeliveryRobot
@@ -63,10 +63,6 @@ class ThresholdRobot(DeliveryRobot):
         known = range(len(self.chargers))
         free = [charger for charger in known if charger not in self.failed and not self.rivals(charger)]
         return dict.fromkeys(free or known, 0.0)
-
-    def best_charger(self, floor: FloorPlan) -> int:
-        """Return the nearest charger that is not known to be busy, or the nearest one."""
-        return self.cheapest(self.charger_costs(), floor)
 
 
 @ensemble(every=seconds(1), max_age=seconds(5))

@@ -40,7 +40,7 @@ def bidder(robot: str, at: float, *xs: float) -> BiddingRobot:
 
 def hears(member: BiddingRobot, peer: Bidder, floor: TextFloor = OPEN) -> BiddingRobot:
     if AUCTION.membership(peer, member):
-        member = AUCTION.at_member(peer, member, floor, NOW)
+        member = AUCTION.at_member(peer, member, floor)
     return OUTBID.at_member(peer, member, NOW) if OUTBID.membership(peer, member) else member
 
 

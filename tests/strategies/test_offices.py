@@ -69,7 +69,7 @@ def test_a_doorkeeper_adopts_places_together_that_no_bid_for_one_of_them_moves()
     taken = OFFICE.at_coordinator(keeper, seen(guest), DOORWAY)
     assert set(keys(taken)) == {ItemKey("r1", 0), ItemKey("r2", 1), ItemKey("r2", 2)}
     for bid in guest.bids:
-        alone = AUCTION.at_member(replace(seen(guest), bids=(bid,)), robot("r1", 5.0, 1.0), DOORWAY, NOW)
+        alone = AUCTION.at_member(replace(seen(guest), bids=(bid,)), robot("r1", 5.0, 1.0), DOORWAY)
         assert bid.assignment.index != 2 or keys(alone) == [ItemKey("r1", 0)]
     left = OUTBID.at_member(seen(taken.plan(DOORWAY)), guest, NOW)
     assert keys(left) == [ItemKey("r2", 0)]
@@ -137,7 +137,7 @@ class Swarm(ScriptedSwarm[OfficeRobot]):
         peer = self.message(one, number)
         if peer is None:
             return one
-        return one.adopt_cheaper(peer, DOORWAY, NOW).leaving_to(peer, NOW, exchange=False)
+        return one.adopt_cheaper(peer, DOORWAY).leaving_to(peer, NOW, exchange=False)
 
     def _adopt(self, one: OfficeRobot, number: int) -> OfficeRobot:
         peer = self.message(one, number)
