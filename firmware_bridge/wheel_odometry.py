@@ -57,7 +57,7 @@ class WheelOdometry:
         self._uncounted_turn = 0.0
         """Turn of the wheels since the gyro's values last changed, rad."""
         self.uses_wheel_heading = False
-        """True while the heading is computed from the wheels, without a working gyro."""
+        """True while the heading is computed from the wheels: until the gyro's values change."""
         self.heading = 0.0
         """Heading relative to the first feedback, unwrapped, rad."""
         self.counts = OdometryCounts()
@@ -71,10 +71,6 @@ class WheelOdometry:
     def gyro_is_constant(self) -> bool:
         """True if the gyro's values stay constant while the wheels turn: one of them is faulty."""
         return self._constant_feedbacks >= _FROZEN_FEEDBACKS and abs(self._uncounted_turn) >= _FROZEN_TURN
-
-    def use_wheel_heading(self) -> None:
-        """Use the heading of the wheels until the gyro's values change."""
-        self.uses_wheel_heading = True
 
     @property
     def is_moving(self) -> bool:

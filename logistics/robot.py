@@ -21,8 +21,7 @@ from actors.robot.behaviour import (
     TaskList,
     TaskMonitor,
 )
-from deeco import Instant, component, milliseconds, periodic, replace, seconds
-from logistics.carrier import Carrier
+from deeco import Instant, Knowledge, Resolution, component, milliseconds, periodic, replace, role, seconds
 from logistics.items import (
     ChargingRequest,
     DeliveryOrder,
@@ -78,6 +77,20 @@ def distance(floor: FloorPlan, here: Point, there: Point) -> float:
     """Return the length of the path, m."""
     length = floor.length(here, there)
     return FAR if length is None else length
+
+
+@role
+class Carrier(Knowledge):
+    """Published state of a logistics robot."""
+
+    position: Annotated[Point, Resolution(1000)]
+    """Estimated position, m, map frame."""
+    charge: Annotated[float, Resolution(10_000)] = 1.0
+    """Charge of its battery, 0 to 1; 1 if unknown."""
+    charger: int = -1
+    """Index of the charger that it uses or wants; -1: none."""
+    is_blocked: bool = False
+    """It has a target and does not move."""
 
 
 @component

@@ -5,7 +5,7 @@ import re
 import socket
 import sys
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Annotated, Any
 
@@ -21,7 +21,7 @@ from actors.runtime.errors import AcrcError, printable
 from actors.runtime.isolation import sandbox
 from actors.runtime.processor import differing_kernels, first_names
 from deploy.hosts.address import PAGE, local_address
-from deploy.hosts.connection import TIMEOUT_S, ClusterError, await_result, connect, host_workers
+from deploy.hosts.connection import ClusterError, await_result, connected, error_line, host_workers
 
 Text = Annotated[str, msgspec.Meta(max_length=2000)]
 
@@ -76,8 +76,7 @@ def allocate_hosts(address: str, listen: tuple[str, int] | None) -> Iterator[Hos
 
     `listen`: address for their connections; None: this computer's on its route to the scheduler, any port.
     """
-    client = connect(address)
-    try:
+    with connected(address) as client:
         workers = host_workers(client)
         here = local_offer()
         found = _offers(client, address, workers)
@@ -86,9 +85,6 @@ def allocate_hosts(address: str, listen: tuple[str, int] | None) -> Iterator[Hos
                 raise ClusterError(f"--on {address}: host {name} {fault} ({PAGE})")
         by_name = dict(zip(found, workers, strict=True))
         yield HostPool(client, address, found, by_name, listen or (local_address(address), 0))
-    finally:
-        with suppress(Exception):  # any error of the library about a lost cluster
-            client.close(timeout=TIMEOUT_S)
 
 
 def local_offer() -> HostOffer:
@@ -160,9 +156,9 @@ def _offers(client: Client, address: str, workers: list[str]) -> dict[str, HostO
         except ClusterError:
             raise
         except Exception as error:  # raised there, or by the library about a lost worker
-            reason = printable(str(error).partition("\n")[0][:500] or type(error).__name__)
             raise ClusterError(
-                f"--on {address}: the worker {worker} cannot be a host of this run: {reason} ({PAGE})"
+                f"--on {address}: the worker {worker} cannot be a host of this run: "
+                f"{error_line(error)} ({PAGE})"
             ) from None
         stem = re.sub(r"[^A-Za-z0-9_-]", "-", offer.name.partition(".")[0])[:24].strip("-_") or "host"
         names = (stem if number == 1 else f"{stem}-{number}" for number in range(1, len(workers) + 1))

@@ -4,13 +4,14 @@ import logging
 import socket
 import ssl
 import sys
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any, Final
 
 from distributed import CancelledError, Client, Future, Security, wait
 
-from actors.runtime.errors import AcrcError
+from actors.runtime.errors import AcrcError, printable
 from deploy.hosts.address import PAGE, host_and_port, is_safe
 
 
@@ -92,8 +93,7 @@ def connect(address: str) -> Client:
         security = create_security(address, TIMEOUT_S) if address.startswith("tls://") else None
         client = Client(address, timeout=TIMEOUT_S, security=security)
     except (OSError, ValueError) as error:
-        reason = str(error).partition("\n")[0] or type(error).__name__
-        raise ClusterError(f"--on {address}: no Dask scheduler answers there: {reason}") from None
+        raise ClusterError(f"--on {address}: no Dask scheduler answers there: {error_line(error)}") from None
     try:
         check_tls(client, address)
         if not client.nthreads():
@@ -104,6 +104,17 @@ def connect(address: str) -> Client:
         client.close(timeout=TIMEOUT_S)
         raise
     return client
+
+
+@contextmanager
+def connected(address: str) -> Iterator[Client]:
+    """Connect as `connect`; disconnect at the end."""
+    client = connect(address)
+    try:
+        yield client
+    finally:
+        with suppress(Exception):  # any error of the library about a lost cluster
+            client.close(timeout=TIMEOUT_S)
 
 
 def check_tls(client: Client, address: str) -> None:
@@ -119,6 +130,11 @@ def check_tls(client: Client, address: str) -> None:
         sys.stderr.write(
             f"acrc: --on {address}: has no TLS: all users of this computer can execute code as you\n"
         )
+
+
+def error_line(error: Exception) -> str:
+    """Return the first line of an error's message, truncated; without a message its class."""
+    return printable(str(error).partition("\n")[0][:500] or repr(error))
 
 
 def host_workers(client: Client) -> list[str]:

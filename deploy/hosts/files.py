@@ -6,7 +6,6 @@ import re
 import shutil
 import tempfile
 from collections.abc import Callable, Iterable, Iterator
-from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, BinaryIO, Final
@@ -18,7 +17,7 @@ from acrc_testbed.results import seal
 from actors.runtime import regular_file, typed_json
 from actors.runtime.errors import AcrcError, printable
 from deploy.hosts.address import PAGE, host_and_port
-from deploy.hosts.connection import TIMEOUT_S, ClusterError, await_result, connect, host_workers
+from deploy.hosts.connection import ClusterError, await_result, connected, error_line, host_workers
 
 PREFIX: Final = "acrc-"
 """Prefix of a run's folder in the temporary folder of a host."""
@@ -126,8 +125,7 @@ def fetch(out: Path, address: str, say: Callable[[str], None]) -> FetchedFiles:
     if hosts_file is None:
         raise AcrcError(f"{out}: not a run on several computers: no {seal.HOSTS_FILE}")
     address = address or hosts_file.cluster
-    client = connect(address)
-    try:
+    with connected(address) as client:
         workers = {host_and_port(worker)[0]: worker for worker in host_workers(client)}
         found = [_Host(client, name, hosts_file, workers, address) for name in hosts_file.hosts]
         files = size = 0
@@ -143,9 +141,6 @@ def fetch(out: Path, address: str, say: Callable[[str], None]) -> FetchedFiles:
             files, size = files + len(sizes), size + sum(sizes)
             say(f"host {host.name}: {len(sizes)} {'file' if len(sizes) == 1 else 'files'}, {sum(sizes)} B")
         return FetchedFiles(files, size)
-    finally:
-        with suppress(Exception):  # any error of the library about a lost cluster
-            client.close(timeout=TIMEOUT_S)
 
 
 class _Host:
@@ -232,9 +227,7 @@ class _Host:
         except ClusterError:
             raise
         except Exception as error:  # raised there, or by the library about a lost worker
-            lines = str(error).splitlines()
-            reason = printable(lines[0][:300] if lines else repr(error))
-            raise ClusterError(f"{self._on}: host {self.name}: {reason} ({PAGE})") from None
+            raise ClusterError(f"{self._on}: host {self.name}: {error_line(error)} ({PAGE})") from None
 
     def _protocol_error(self, what: str) -> ClusterError:
         return ClusterError(printable(f"{self._on}: host {self.name} has sent {what}"))

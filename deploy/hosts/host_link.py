@@ -16,7 +16,7 @@ from acrc_testbed.results.seal import HostLoad
 from actors.processes.launcher import ChildProcess, LaunchError, Program, write_setup
 from actors.processes.monitor import UNREACHABLE
 from actors.runtime import typed_json
-from actors.runtime.errors import AcrcError, printable
+from actors.runtime.errors import AcrcError
 from actors.runtime.process_table import ProcessState
 from deploy.hosts.agent import (
     HostEvents,
@@ -27,6 +27,7 @@ from deploy.hosts.agent import (
     ProcessStatus,
     StartRobot,
 )
+from deploy.hosts.connection import error_line
 from deploy.hosts.files import FilePart, FilePartError, IncomingFiles, read_files
 
 UNKNOWN_AFTER_S: Final = 3.0
@@ -209,8 +210,7 @@ class HostLink:
             return "the connection to the scheduler broke"
         if self._agent is not None and isinstance(error, OSError | RuntimeError):
             return "its worker has ended, or left the cluster"
-        text = str(error).splitlines()
-        return printable(text[0][:500] if text else repr(error))
+        return error_line(error)
 
     def _call_next(self) -> None:
         if self._agent is None:

@@ -85,14 +85,9 @@ class Supervisor:
             remaining = [child for child in remaining if child.exit_code is None]
 
 
-def last_log_line(child: ChildProcess) -> str:
-    """Return the last line of its log."""
-    return child.program.outside_text(last_line(child.program.log))
-
-
 def exit_description(child: ChildProcess) -> str:
     """Describe how a process has exited, with the last line of its log."""
-    code, last = child.exit_code or 0, last_log_line(child)
+    code, last = child.exit_code or 0, child.program.outside_text(last_line(child.program.log))
     outcome = f"by signal {signal.Signals(-code).name}" if code < 0 else f"with exit code {code}"
     return f"{outcome}{f': {last}' if last else ''}"
 
@@ -178,8 +173,8 @@ class RunSupervisor(Supervisor):
         """Raise AcrcError if a process has failed, stalls the run or exceeds a limit."""
         self.check()
         running = [child for child in self.running if child.program.record]
-        world = next((child for child in self._children if child.program.actor == "world"), None)
-        assert world is not None and world.program.record is not None
+        world = next(child for child in self._children if child.program.actor == "world")
+        assert world.program.record is not None
         fault = self._stall_fault(running, world.program.record)
         fault = fault or self._resources.fault(child for child in running if not child.host)
         if fault is not None:
@@ -276,8 +271,7 @@ def _failure_cause(failed: list[ChildProcess]) -> str:
         sentence = f"{actor} was killed by {signal.Signals(-code).name}{host_suffix(failed, actor)}"
         place = crash_line(child.program.log) if -code in _CRASHES else ""
         return sentence + (f"; it was at {place}" if place else "")
-    last = last_log_line(child)
-    return f"{child.program.actor} ended with exit code {code}" + (f": {last}" if last else "")
+    return f"{child.program.actor} ended {exit_description(child)}"
 
 
 def _check_completion(child: ChildProcess) -> None:

@@ -79,24 +79,19 @@ class BaseFeedback(NamedTuple):
 
     instant: Instant
     basic: BasicSensorData
-    inertial: InertialSensorData | None
+    gyro: InertialSensorData | None
     """None without a gyro or with a faulty one."""
-
-    @property
-    def gyro(self) -> InertialSensorData | None:
-        """Values of the gyro."""
-        return self.inertial
 
     @property
     def turn_rate(self) -> float | None:
         """Turn rate by the gyro, rad/s."""
-        return None if self.inertial is None else math.radians(self.inertial.rate_cdeg / 100)
+        return None if self.gyro is None else math.radians(self.gyro.rate_cdeg / 100)
 
     def since(self, before: "BaseFeedback") -> WheelMotion:
         """Return the motion since an earlier feedback."""
         turn = None
-        if before.inertial is not None and self.inertial is not None:
-            turn = wrap((self.inertial.angle_cdeg - before.inertial.angle_cdeg) * _CENTIDEGREE)
+        if before.gyro is not None and self.gyro is not None:
+            turn = wrap((self.gyro.angle_cdeg - before.gyro.angle_cdeg) * _CENTIDEGREE)
         advance = Duration(((self.basic.stamp_ms - before.basic.stamp_ms) & 0xFFFF) * 1000)
         left = _distance(self.basic.left_ticks - before.basic.left_ticks)
         right = _distance(self.basic.right_ticks - before.basic.right_ticks)

@@ -15,7 +15,7 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from actors.array_types import Flags, Floats
+from actors.array_types import Floats
 from actors.geometry import Pose
 from actors.instant import Duration, Instant, milliseconds, seconds
 from actors.portable import arrays
@@ -93,12 +93,6 @@ def distances(points: NDArray[np.complex128], room: NDArray[np.complex128]) -> F
     return nearest
 
 
-def sectors(chosen: Flags) -> int:
-    """Return the number of sectors, equal parts of the sweep, with at least two chosen samples."""
-    parts = np.array_split(chosen, _SECTORS)
-    return sum(np.count_nonzero(part) >= 2 for part in parts)
-
-
 def mount_rotations(step_deg: int) -> tuple[float, ...]:
     """Return all rotations of the mount except 0, rad."""
     return tuple(math.radians(turned) for turned in range(step_deg, 360, step_deg))
@@ -161,7 +155,8 @@ def explained_points(cause: HoldCause, measured: Floats, assumed: Floats) -> int
     share = _MIN_GAIN_STILL if cause is HoldCause.SCAN_STILL else _MIN_GAIN
     if better < max(share * measured.size, _MIN_EXPLAINED * outside) or worse > _MAX_WORSE_SHARE * better:
         return 0
-    return better - worse if sectors(improved) >= _MIN_SECTORS else 0
+    sectors = sum(np.count_nonzero(part) >= 2 for part in np.array_split(improved, _SECTORS))
+    return better - worse if sectors >= _MIN_SECTORS else 0
 
 
 class ScanChecks:

@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 import msgspec
 
-from actors.instant import Instant, in_seconds
+from actors.instant import Instant
 from actors.robot_model import RobotModel
 from firmware_bridge.onboard.contradictions import ContradictionMonitor
 from firmware_bridge.onboard.vehicle import BaseLine, GuardedVehicle, GuardianLink, start_guardian
@@ -49,16 +49,16 @@ class Ros2Robot(GuardedVehicle):
         detail = self._robot.details.get(cause)
         return cause.value if detail is None else f"{cause.value}: {detail}"
 
+    def ignore_gyro(self) -> str:
+        """Check without the gyro from now on; the odometry does not need it."""
+        was_used, self._uses_gyro = self._uses_gyro, False
+        return "gyro contradicted: checks without it from now on" if was_used else ""
+
     def _take(self, now: Instant, publications: Publications) -> None:
         feedbacks = self._robot.take(now, publications)
         if not self._uses_gyro:
             feedbacks = [one._replace(gyro=None) for one in feedbacks]
         self.take_feedbacks(now, feedbacks)
-        if self._contradictions.is_gyro_contradicted and self._uses_gyro:  # the odometry does not need it
-            self._uses_gyro = False
-            self._contradictions.ignore_gyro()
-            self._say(f"{in_seconds(now):.3f} gyro contradicted: checks without it from now on")
-        self.hold_contradictions(now)
 
 
 def create_ros2_robot(base: Ros2Base, model: RobotModel, now: Callable[[], Instant], say: Say) -> Ros2Robot:

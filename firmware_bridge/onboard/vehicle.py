@@ -3,6 +3,7 @@
 import socket
 import subprocess
 import sys
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Sequence
 from contextlib import suppress
 from typing import Final, Protocol
@@ -223,7 +224,7 @@ class BaseLine(ServedDevices, Protocol):
         """Send a stop and disconnect."""
 
 
-class GuardedVehicle:
+class GuardedVehicle(ABC):
     """A differential base with its guardian and an optional range sensor."""
 
     def __init__(
@@ -297,16 +298,20 @@ class GuardedVehicle:
         """Return a cause in words."""
         return cause.value
 
+    @abstractmethod
+    def ignore_gyro(self) -> str:
+        """Stop using the contradicted gyro; return the consequence in words, empty if there is none."""
+
     def take_feedbacks(self, now: Instant, feedbacks: Iterable[DriveFeedback]) -> None:
-        """Check feedbacks for contradictions, and report changes of the driver's state."""
+        """Pass contradictions of feedbacks to the safety stop; report changes of the driver's state."""
         for feedback in feedbacks:
             self._contradictions.set_command(self._driver.allowed.v, self._driver.allowed.omega)
             self._contradictions.feedback(feedback)
         for change in self._driver.changes():
             self._say(f"{in_seconds(now):.3f} {change}")
-
-    def hold_contradictions(self, now: Instant) -> None:
-        """Pass the contradictions between the sensors to the safety stop."""
+        if self._contradictions.is_gyro_contradicted and (consequence := self.ignore_gyro()):
+            self._contradictions.ignore_gyro()
+            self._say(f"{in_seconds(now):.3f} {consequence}")
         causes = self._contradictions.causes(now)
         for cause in causes ^ self._contradiction_causes:
             self._driver.hold(cause, cause in causes)
@@ -355,13 +360,15 @@ class TurtleBot(GuardedVehicle):
         volts = self._kobuki.volts
         return None if volts is None or self._battery is None else self._battery.charge_at(volts)
 
+    def ignore_gyro(self) -> str:
+        """Compute the heading from the wheels if the gyro is constant."""
+        if not self._kobuki.odometry.gyro_is_constant:
+            return ""
+        self._kobuki.odometry.uses_wheel_heading = True
+        return "gyro frozen: heading computed from the wheels"
+
     def _take(self, now: Instant, data: bytes) -> None:
-        odometry, feedbacks = self._kobuki.odometry, self._kobuki.take(now, data)
-        if odometry.uses_wheel_heading:
-            feedbacks = [one._replace(inertial=None) for one in feedbacks]
+        feedbacks = self._kobuki.take(now, data)
+        if self._kobuki.odometry.uses_wheel_heading:
+            feedbacks = [one._replace(gyro=None) for one in feedbacks]
         self.take_feedbacks(now, feedbacks)
-        if self._contradictions.is_gyro_contradicted and odometry.gyro_is_constant:
-            odometry.use_wheel_heading()
-            self._contradictions.ignore_gyro()
-            self._say(f"{in_seconds(now):.3f} gyro frozen: heading computed from the wheels")
-        self.hold_contradictions(now)

@@ -13,7 +13,6 @@ from actors.instant import Instant, in_seconds, milliseconds, seconds
 from actors.robot_model import RobotModel
 from firmware_bridge.base_feedback import DriveLimits
 from firmware_bridge.ros2.message_types import TOPIC_TYPES, InvalidMessageError
-from firmware_bridge.ros2.received import decode_sample
 from firmware_bridge.ros2.robot_clock import NO_TIME, RobotClock
 from firmware_bridge.ros2.robot_feedback import (
     GyroOdometry,
@@ -130,7 +129,7 @@ class RobotDriver(BaseDriver):
     def _process(self, now: Instant, topic: str, samples: Sequence[ReceivedSample]) -> None:
         for sample in samples:
             try:
-                self._handlers[topic](sample.arrived, decode_sample(sample, TOPIC_TYPES[topic]))
+                self._handlers[topic](sample.arrived, sample.message(TOPIC_TYPES[topic]))
                 reason = ""
             except InvalidMessageError as error:
                 reason = str(error)

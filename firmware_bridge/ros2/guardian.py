@@ -20,7 +20,6 @@ from actors.instant import Instant, milliseconds
 from actors.portable import hypot
 from firmware_bridge.kobuki import guardian
 from firmware_bridge.ros2.message_types import ODOMETRY, InvalidMessageError
-from firmware_bridge.ros2.received import decode_sample
 from firmware_bridge.ros2.robot_feedback import read_pose
 from firmware_bridge.ros2.robot_link import node_name
 from firmware_bridge.ros2.session import Ros2Session
@@ -100,7 +99,7 @@ class RobotStop:
         self._publisher.put(now, 0.0, 0.0)
         for sample in self._odometry.take():
             try:
-                message = decode_sample(sample, ODOMETRY)
+                message = sample.message(ODOMETRY)
                 stamp = message.header.stamp.sec * 1_000_000_000 + message.header.stamp.nanosec
                 self._standstill.take(sample.arrived, stamp, read_pose(message))
             except InvalidMessageError:

@@ -143,10 +143,6 @@ class KeyMapping(ABC):
     def data_key(self, topic: str, kind: str, type_hash: str) -> str:
         """Return the key of publications; `topic`: fully qualified, `kind`: message type."""
 
-    def subscription_key(self, topic: str, kind: str) -> str:
-        """Return the key expression of publications with any type hash."""
-        return self.data_key(topic, kind, "*")
-
     @abstractmethod
     def parse_key(self, key: str) -> str:
         """Return the type hash in the key of a publication; empty: none."""

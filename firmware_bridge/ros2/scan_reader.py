@@ -19,7 +19,6 @@ from firmware_bridge.range_sensors.sensor import (
     chosen_samples,
 )
 from firmware_bridge.ros2.message_types import SCAN, InvalidMessageError
-from firmware_bridge.ros2.received import decode_sample
 from firmware_bridge.ros2.robot_clock import RobotClock
 from firmware_bridge.ros2.session import ReceivedSample
 from firmware_bridge.serial_port import Say, changed_only
@@ -72,7 +71,7 @@ class LaserScanReader(RangeReader):
         """Process messages."""
         for sample in samples:
             try:
-                self._read(sample.arrived, decode_sample(sample, SCAN))
+                self._read(sample.arrived, sample.message(SCAN))
             except InvalidMessageError as error:
                 self.counts.invalid += 1
                 self._say(f"scan refused: {error}")

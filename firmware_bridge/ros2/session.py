@@ -16,9 +16,10 @@ from zenoh.ext import CacheConfig, declare_advanced_publisher
 
 from actors.instant import Instant
 from actors.runtime.isolation.rules import set_value
-from firmware_bridge.ros2.message_types import type_hash
+from firmware_bridge.ros2.message_types import InvalidMessageError, decode, type_hash
 from firmware_bridge.ros2.names import (
     ALL_GRAPHS,
+    NO_HASH,
     SENSOR_QOS,
     Attachment,
     Endpoint,
@@ -46,6 +47,16 @@ class ReceivedSample(NamedTuple):
     type_hash: str
     """Type hash of the key; empty: not told."""
     attachment: Attachment | None
+
+    def message(self, kind: str) -> Any:
+        """Return its message. Raises InvalidMessageError."""
+        expected = type_hash(kind)
+        if self.type_hash not in {"", NO_HASH, expected}:
+            raise InvalidMessageError(
+                f"{kind}: the robot's definition differs from ours: type hash {self.type_hash[:80]}, "
+                f"not {expected}"
+            )
+        return decode(self.payload, kind)
 
 
 class Subscription:
@@ -203,7 +214,7 @@ class Ros2Session:
             os.eventfd_write(wake, 1)
 
         def declare(session: zenoh.Session) -> None:
-            key, origin = names.subscription_key(topic, kind), zenoh.Locality.REMOTE
+            key, origin = names.data_key(topic, kind, "*"), zenoh.Locality.REMOTE
             self._kept.append(session.declare_subscriber(key, arrive, allowed_origin=origin))
             if not hidden:
                 self._declare_token(

@@ -42,8 +42,7 @@ from deeco import (
     role,
     seconds,
 )
-from logistics.carrier import Carrier
-from logistics.robot import FAR, HeldOrder, distance
+from logistics.robot import FAR, Carrier, HeldOrder, distance
 from logistics.strategies.threshold import ChargerExchange, ThresholdParameters, ThresholdRobot
 
 

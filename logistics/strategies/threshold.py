@@ -12,8 +12,7 @@ from typing import NamedTuple, Self
 from actors.geometry import Point
 from actors.robot.behaviour import Behaviour, Start, from_settings, host
 from deeco import Duration, Instant, component, ensemble, periodic, replace, seconds
-from logistics.carrier import Carrier
-from logistics.robot import DeliveryParameters, DeliveryRobot
+from logistics.robot import Carrier, DeliveryParameters, DeliveryRobot
 
 
 @dataclass(frozen=True)

@@ -3,6 +3,7 @@
 import hashlib
 import tempfile
 from collections.abc import Callable
+from contextlib import nullcontext
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -55,8 +56,8 @@ def answers(monkeypatch: pytest.MonkeyPatch, answer: Callable[..., Any]) -> None
         assert how["workers"] == ["tls://10.0.0.2:4000"]
         return SimpleNamespace(done=lambda: True, result=lambda: answer(function, *words))
 
-    client = SimpleNamespace(submit=submit, close=lambda timeout: None)
-    monkeypatch.setattr(fetching, "connect", lambda address: client)
+    client = SimpleNamespace(submit=submit)
+    monkeypatch.setattr(fetching, "connected", lambda address: nullcontext(client))
     monkeypatch.setattr(fetching, "host_workers", lambda client: ["tls://10.0.0.2:4000"])
 
 

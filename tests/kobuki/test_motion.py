@@ -330,7 +330,7 @@ def test_without_a_gyro_the_heading_of_the_wheels_is_used_and_counted(gyro: str)
     rig.run(0.55, (0.3, 0.5))
     assert rig.driver.odometry.gyro_is_constant == (gyro == "frozen")
     if gyro == "frozen":
-        rig.driver.odometry.use_wheel_heading()
+        rig.driver.odometry.uses_wheel_heading = True
     rig.run(5.45, (0.3, 0.5))
     assert counts.wheel_headings > 200
     position, heading = errors(rig, start)
