@@ -5,7 +5,7 @@ Text: "Experimenting with Adaptation in Smart Cyber-Physical Systems: A Model Pr
 """
 
 import math
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field
 from enum import Enum
 
 from actors.settings import ParameterError, check_range
@@ -39,8 +39,7 @@ class CleaningParameters:
     """Number of consecutive aborts of any kind after which a place is given up; 0: never."""
 
     def __post_init__(self) -> None:
-        for name in (one.name for one in fields(self)):
-            value = getattr(self, name)
+        for name, value in vars(self).items():
             if isinstance(value, float) and not 0 < value < math.inf:
                 raise ParameterError(f"strategy.{name}", value, "above 0")
             if isinstance(value, int) and value < 0:

@@ -1,7 +1,7 @@
 """Judge of the logistics task: gives orders, moves loads, operates chargers, and checks reports."""
 
 from collections import Counter
-from collections.abc import Collection, Iterable
+from collections.abc import Collection
 from dataclasses import dataclass
 from typing import Any, Final
 
@@ -122,7 +122,7 @@ class LogisticsJudge(Judge):
         self._out = Counter[tuple[bool, int]]()
         self._users: list[str] = [""] * counts[1]
         """Robot that uses each charger."""
-        self._orders: dict[tuple[str, int], OrderState] = {}
+        self._orders: dict[ItemKey, OrderState] = {}
         self._robots = {robot: RobotState(len(lists[0]), {}) for robot in self._ids}
         self._positions: Floats = np.zeros((len(self._ids), 2))
         self._now = 0
@@ -161,7 +161,7 @@ class LogisticsJudge(Judge):
             if fault := self._report(robot, report):
                 return fault
         for key in (*(one.key for one in answer.given_up), *(answer.route or ())):
-            if (key.owner, key.number) not in self._orders:
+            if key not in self._orders:
                 return f"gives up {key} or has it in its route, which does not exist"
         return None
 
@@ -205,7 +205,7 @@ class LogisticsJudge(Judge):
 
     def _give(self, robot: str, order: DeliveryOrder) -> None:
         key = ItemKey(robot, self._robots[robot].items)
-        self._orders[key.owner, key.number] = state = OrderState(key, order)
+        self._orders[key] = state = OrderState(key, order)
         self._tell(robot, order)
         self._show(state)
 
@@ -257,7 +257,7 @@ class LogisticsJudge(Judge):
                 return f"wants charger {report.charger}, which does not exist"
             state.request = report.charger
             return None
-        key = report.owner, report.number
+        key = ItemKey(report.owner, report.number)
         one = self._orders.get(key)
         if one is None:
             return f"reports order {report.number} of {short_repr(report.owner)}, which does not exist"
@@ -272,7 +272,10 @@ class LogisticsJudge(Judge):
         else:
             state.refused += 1
             return None
-        self._tell(robot, OrderConfirmation(*key, one.order.pickup, one.order.delivery, not is_pickup))
+        self._tell(
+            robot,
+            OrderConfirmation(key.owner, key.number, one.order.pickup, one.order.delivery, not is_pickup),
+        )
         self.note(robot, report.instant, "picked up" if is_pickup else "delivered", one.key)
         self._show(one)
         return None
@@ -306,15 +309,14 @@ def _seconds(instant: int | None) -> float | None:
     return None if instant is None else in_seconds(Instant(instant))
 
 
-def _values(orders: Collection[OrderState], robots: Iterable[RobotState], end: int) -> dict[str, Any]:
+def _values(orders: Collection[OrderState], robots: Collection[RobotState], end: int) -> dict[str, Any]:
     """Return counts of some orders and sums over some robots; times in s."""
     late = [max(0, min(one.delivered or end, end) - one.order.deadline) for one in orders]
-    states = [*robots]
     return {
         "orders_delivered": sum(one.delivered is not None for one in orders),
         "orders_late": sum(one > 0 for one in late),
-        "lateness_s": round(sum(late) / 1e6, 3),
-        "charging_s": round(sum(one.charging_us for one in states) / 1e6, 3),
-        "queueing_s": round(sum(one.queueing_us for one in states) / 1e6, 3),
-        "reports_refused": sum(one.refused for one in states),
+        "lateness_s": round(sum(int(one) for one in late) / 1e6, 3),
+        "charging_s": round(sum(int(one.charging_us) for one in robots) / 1e6, 3),
+        "queueing_s": round(sum(int(one.queueing_us) for one in robots) / 1e6, 3),
+        "reports_refused": sum(int(one.refused) for one in robots),
     }

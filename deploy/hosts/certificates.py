@@ -53,7 +53,7 @@ class CertifiedKey:
 def create_authority(name: str, now: datetime, days: int) -> CertifiedKey:
     """Create a self-signed certificate authority, which cannot sign other authorities."""
     key = generate_private_key(SECP256R1())
-    builder = _certificate_builder(_x509_name(name), _x509_name(name), key, now, days, is_authority=True)
+    builder = _certificate_builder(name, None, key, now, days)
     return CertifiedKey(key, builder.sign(key, hashes.SHA256()))
 
 
@@ -70,8 +70,7 @@ def issue_certificate(
     `hosts`: names and addresses of the machine.
     """
     key = generate_private_key(SECP256R1())
-    subject = issuer.certificate.subject
-    builder = _certificate_builder(_x509_name(name), subject, key, now, days, is_authority=False)
+    builder = _certificate_builder(name, issuer.certificate.subject, key, now, days)
     builder = builder.add_extension(x509.ExtendedKeyUsage(purposes), critical=False)
     if hosts:
         names = x509.SubjectAlternativeName([general_name(host) for host in hosts])
@@ -110,17 +109,12 @@ def load_certificate(pem: bytes) -> x509.Certificate:
 
 
 def _certificate_builder(
-    subject: x509.Name,
-    issuer: x509.Name,
-    key: EllipticCurvePrivateKey,
-    now: datetime,
-    days: int,
-    *,
-    is_authority: bool,
+    name: str, issuer: x509.Name | None, key: EllipticCurvePrivateKey, now: datetime, days: int
 ) -> x509.CertificateBuilder:
-    """Return a builder with validity, key, and what the key may sign."""
+    """Return a builder with validity, key, and what the key may sign; no issuer: that of an authority."""
+    subject, is_authority = x509.Name([x509.NameAttribute(NameOID.COMMON_NAME, name)]), issuer is None
     begin = now.astimezone(UTC)
-    builder = x509.CertificateBuilder(subject_name=subject, issuer_name=issuer)
+    builder = x509.CertificateBuilder(subject_name=subject, issuer_name=issuer or subject)
     builder = builder.public_key(key.public_key()).serial_number(x509.random_serial_number())
     builder = builder.not_valid_before(begin - _BACKDATED).not_valid_after(begin + timedelta(days=days))
     own = x509.SubjectKeyIdentifier.from_public_key(key.public_key())
@@ -134,10 +128,6 @@ def _certificate_builder(
     )  # fmt: skip
     builder = builder.add_extension(own, critical=False).add_extension(constraints, critical=True)
     return builder.add_extension(usage, critical=True)
-
-
-def _x509_name(common_name: str) -> x509.Name:
-    return x509.Name([x509.NameAttribute(NameOID.COMMON_NAME, common_name)])
 
 
 @dataclass(frozen=True)

@@ -183,8 +183,7 @@ class EmulatedMedium:
     def _channel(self, code: int) -> _Channel:
         if code not in self._channels:
             model = self._model(FIRST_CHANNEL + code)
-            keeps = self.keeps_outcomes
-            robots = RobotMedium(self._addresses, model, self._seed, keeps_outcomes=keeps)
+            robots = RobotMedium(self._addresses, model, self._seed, keeps_outcomes=self.keeps_outcomes)
             self._channels[code] = _Channel(robots, model.parameters.transceiver.tx_power_dbm, [*self._jams])
         return self._channels[code]
 
@@ -213,11 +212,11 @@ class EmulatedMedium:
 
 def create_medium(setup: RadioSetup) -> EmulatedMedium:
     """Create the medium of a radio set-up, for all channels. Raises AcrcError."""
-
-    def model(channel: int) -> RadioModel:
-        return radio_model(msgspec.structs.replace(setup, channel=channel))
-
-    medium = EmulatedMedium([address for _, address in setup.robots], model, setup.seed)
+    medium = EmulatedMedium(
+        [address for _, address in setup.robots],
+        lambda channel: radio_model(msgspec.structs.replace(setup, channel=channel)),
+        setup.seed,
+    )
     medium.keeps_outcomes = setup.detail == "full"
     medium.prepare(setup.channel or preset(setup.preset).channel)
     return medium
