@@ -301,7 +301,7 @@ def place_values(places: Sequence[PlaceOutcome], *, has_truth: bool = True) -> d
     }
 
 
-def robot_values(places: Iterable[PlaceOutcome], *, has_truth: bool = True) -> dict[str, Value]:
+def robot_values(places: Iterable[PlaceOutcome], *, has_truth: bool) -> dict[str, Value]:
     """Count the places of one robot."""
     counts = place_values([*places], has_truth=has_truth)
     return {name: counts[name] for name in (*_ROBOT_VALUES, "places_reported") if name in counts}

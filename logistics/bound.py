@@ -25,7 +25,7 @@ from actors.robot_model import RobotModel, load_model
 from actors.settings import decode
 from actors.world.world_setup import WorldSetup
 from logistics.demand import LogisticsTable, arrivals
-from logistics.items import chargers, decoded, stations
+from logistics.items import decoded, facilities
 from logistics.judge import REACH
 
 _DETOUR: Final = 1.0824
@@ -36,10 +36,10 @@ def delivery_bound(world: WorldSetup) -> int:
     """Return the greatest number of orders that can be delivered in a run. Raises AcrcError."""
     settings = decode(LogisticsTable, world.task.settings, "logistics")
     models = [load_model(robot.model, robot.sensor) for robot in world.robots]
-    points = stations(items := decoded(world.robots[0].items))
+    points, chargers = facilities(decoded(world.robots[0].items))
     duration, speed = world.duration_us / 1e6, max(model.drive.speed for model in models)
     lengths = _lengths(world.map, points)
-    supply = len(chargers(items)), settings.power
+    supply = len(chargers), settings.power
     driven = max(_range(world, models, speed, supply) * settings.capacity, 0.0)
     jobs = []
     for _, order in arrivals(settings, len(points), len(models), world.world_seed, world.duration_us):

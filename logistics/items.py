@@ -104,11 +104,10 @@ def decoded(items: Sequence[Any]) -> tuple[Item, ...]:
         raise AcrcError(f"the robot has items of another task than logistics: {error}") from None
 
 
-def stations(items: Sequence[Item]) -> tuple[Point, ...]:
-    """Return the stations among the items, in order."""
-    return tuple(Point(item.x, item.y) for item in items if isinstance(item, Station))
-
-
-def chargers(items: Sequence[Item]) -> tuple[Point, ...]:
-    """Return the chargers among the items, in order."""
-    return tuple(Point(item.x, item.y) for item in items if isinstance(item, Charger))
+def facilities(items: Sequence[Item]) -> tuple[tuple[Point, ...], tuple[Point, ...]]:
+    """Return the points of stations and those of chargers, in the order of their items."""
+    stations, chargers = (
+        tuple(Point(item.x, item.y) for item in items if isinstance(item, kind))
+        for kind in (Station, Charger)
+    )
+    return stations, chargers

@@ -22,8 +22,7 @@ from logistics.items import (
     OrderConfirmation,
     PickupReport,
     Report,
-    chargers,
-    stations,
+    facilities,
 )
 
 REACH: Final = 0.5
@@ -110,7 +109,7 @@ class LogisticsJudge(Judge):
             raise TaskError(
                 f"{different[0]} has other stations or chargers than {self._ids[0]}; give all robots the same"
             )
-        self._stations, self._chargers = stations(lists[0]), chargers(lists[0])
+        self._stations, self._chargers = facilities(lists[0])
         self._facilities = {
             (is_charger, index): point
             for is_charger, points in ((False, self._stations), (True, self._chargers))

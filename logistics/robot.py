@@ -30,9 +30,8 @@ from logistics.items import (
     Item,
     OrderConfirmation,
     PickupReport,
-    chargers,
     decoded,
-    stations,
+    facilities,
 )
 
 FAR: Final = 1e6
@@ -121,14 +120,14 @@ class DeliveryRobot(Carrier):
     @classmethod
     def at_start(cls, start: Start, parameters: DeliveryParameters) -> Self:
         """Return the robot at its start pose."""
-        items = decoded(start.items)
+        stations, chargers = facilities(decoded(start.items))
         return cls(
             id=start.robot,
             position=start.pose.point,
             parameters=parameters,
             epoch=start.epoch,
-            stations=stations(items),
-            chargers=chargers(items),
+            stations=stations,
+            chargers=chargers,
         )
 
     @periodic(every=milliseconds(100), order=0)

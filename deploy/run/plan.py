@@ -306,7 +306,7 @@ def router_file(plan: RunPlan) -> Path:
     return plan.folder("world") / credentials.ROUTER_FILE
 
 
-def issue_credentials(plan: RunPlan, gateway: HostGateway | None = None) -> Credentials:
+def issue_credentials(plan: RunPlan, gateway: HostGateway | None) -> Credentials:
     """Create the run's passwords: the robots' in their folders, all others in the world's.
 
     `gateway`: endpoint for robots on hosts; their passwords are created there.

@@ -115,7 +115,7 @@ class RunSupervisor(Supervisor):
         on_progress: Callable[[Progress], None],
         timeout: Timeout,
         resources: ResourceMonitor,
-        say: Callable[[str], None] = lambda sentence: None,
+        say: Callable[[str], None],
     ) -> None:
         """`restart`: returns the program of an ordered restart at a step."""
         super().__init__(launcher, say)

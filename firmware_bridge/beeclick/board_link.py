@@ -221,8 +221,8 @@ class BoardLink:
         if self.phase is LinkPhase.SYNCING:
             give_up = [] if self._has_timed_out else [self._sync_started + _GIVE_UP]
             return Instant(min([self._sync_due(), *give_up]))
-        times = [self._deadline(), self._sync_due()] if self._pending else []
-        times = times or [self._answered_at + _PROBE_INTERVAL]
+        probe = self._answered_at + _PROBE_INTERVAL
+        times = [self._deadline(), self._sync_due()] if self._pending else [probe]
         if self._reader.is_partial:
             times.append(self._received_at + _STALL)
         return Instant(min(times))

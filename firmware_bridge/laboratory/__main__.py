@@ -81,7 +81,7 @@ class RealTimeLoop:
         laboratory: Laboratory,
         lines: EmulatedLines,
         commands: LineReader,
-        duration: Duration | None = None,
+        duration: Duration | None,
     ) -> None:
         """Start the laboratory's time now; `duration`: its end, None = until stopped."""
         self._laboratory = laboratory

@@ -71,11 +71,7 @@ class Subscription:
 
     def take(self) -> list[ReceivedSample]:
         """Return the queued publications, oldest first."""
-        taken = []
-        with suppress(IndexError):
-            while True:
-                taken.append(self._queue.popleft())
-        return taken
+        return [self._queue.popleft() for _ in range(len(self._queue))]
 
     def add(self, sample: ReceivedSample) -> None:
         """Queue a publication; drop the oldest one if the queue is full."""
