@@ -359,13 +359,16 @@ class BaseDriver(ABC):
         """Set or clear an external cause that prevents all motion."""
         self._safety.hold(cause, holds)
 
+    def _note_change(self, now: Instant, what: str, before: object, value: object) -> None:
+        if value != before:
+            self._changes.append(StateChange(now, what, before, value))
+
     def _update_allowed(self, now: Instant) -> None:
         before, self.allowed = self.allowed, self._safety.allowed(now)
-        if self.allowed.stops != before.stops:
-            self._changes.append(StateChange(now, "stops", before.stops, self.allowed.stops))
+        self._note_change(now, "stops", before.stops, self.allowed.stops)
 
     def _set_found(self, now: Instant, found: bool) -> None:
-        self._changes.append(StateChange(now, self._FEEDBACK, self.found, found))
+        self._note_change(now, self._FEEDBACK, self.found, found)
         self.found = found
 
     def _check_silence(self, now: Instant) -> None:
@@ -378,6 +381,6 @@ class BaseDriver(ABC):
         before, self.battery = self.battery, level
         if level is before:
             return False
-        self._changes.append(StateChange(now, "battery", before, level))
+        self._note_change(now, "battery", before, level)
         self.hold(HoldCause.BATTERY, level is BatteryLevel.DANGER)
         return True

@@ -31,7 +31,6 @@ from firmware_bridge.safety import (
     BatteryLevel,
     BatteryLimits,
     HoldCause,
-    StateChange,
     battery_level,
 )
 
@@ -133,9 +132,8 @@ class KobukiDriver(BaseDriver):
         self.odometry.take(feedback)
         self._pressed_bits |= basic.bumper
         for name, before in self._fields.items():
-            if before != (value := getattr(basic, name)):
-                self._changes.append(StateChange(now, name, before, value))
-                self._fields[name] = value
+            self._fields[name] = getattr(basic, name)
+            self._note_change(now, name, before, self._fields[name])
         self.volts = basic.battery_dv / 10
         battery = battery_level(self.volts, self.battery, _VOLTAGES)
         if self._set_battery(now, battery):

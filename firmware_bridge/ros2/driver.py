@@ -28,7 +28,6 @@ from firmware_bridge.safety import (
     BaseDriver,
     BatteryLimits,
     HoldCause,
-    StateChange,
     battery_level,
 )
 
@@ -133,10 +132,8 @@ class RobotDriver(BaseDriver):
                 reason = ""
             except InvalidMessageError as error:
                 reason = str(error)
-            before = self._refused.get(topic, "")
-            if reason != before:
-                self._changes.append(StateChange(now, f"{topic} refused", before, reason))
-                self._refused[topic] = reason
+            self._note_change(now, f"{topic} refused", self._refused.get(topic, ""), reason)
+            self._refused[topic] = reason
 
     def _take_odometry(self, arrived: Instant, message: Any) -> None:
         pose = read_pose(message)
@@ -146,7 +143,7 @@ class RobotDriver(BaseDriver):
         if not self.found:
             self._set_found(arrived, True)
             offset = f"{-in_seconds(self.clock.offset or NO_TIME):.3f}"
-            self._changes.append(StateChange(arrived, "robot's clock, s ahead", "", offset))
+            self._note_change(arrived, "robot's clock, s ahead", "", offset)
         feedback = RobotFeedback(
             time.instant, time.stamp, pose, *self._gyro.read(time.instant), self._hazards, self.limits.track
         )
@@ -159,8 +156,7 @@ class RobotDriver(BaseDriver):
         before, self._hazards = self._hazards, read_hazards(message)
         self.hold(HoldCause.BACKUP_LIMIT, bool(self._hazards.backup_limit))
         self._pressed_bits |= self._hazards.bumper
-        if self._hazards != before:
-            self._changes.append(StateChange(arrived, "hazards", before, self._hazards))
+        self._note_change(arrived, "hazards", before, self._hazards)
 
     def _take_battery(self, arrived: Instant, message: Any) -> None:
         """Compute the charge from the voltage by the model, else from the percentage."""
@@ -170,7 +166,7 @@ class RobotDriver(BaseDriver):
         if charge is None and message.percentage > 0:  # zero: not measured yet
             if message.percentage > _PERCENT_ABOVE and not self._is_percent:
                 self._is_percent = True
-                self._changes.append(StateChange(arrived, "battery's percentage", "0 to 1", "0 to 100"))
+                self._note_change(arrived, "battery's percentage", "0 to 1", "0 to 100")
             charge = min(1.0, message.percentage / (100 if self._is_percent else 1))
         self.charge = charge
         level = None if charge is None else battery_level(charge, self.battery, _CHARGES)
