@@ -3,13 +3,13 @@
 import inspect
 import tempfile
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import replace
 from os import PathLike
 from pathlib import Path
 from typing import Any, Final, get_args
 
 import msgspec
 import numpy as np
+from msgspec.structs import replace
 
 from acrc_testbed.recordings.record_replay import RecheckError, recheck
 from acrc_testbed.results.result import RunResult

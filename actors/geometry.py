@@ -5,7 +5,6 @@ x points east, y north; angles lie in (−π, π]; units are metres and radians 
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 from itertools import pairwise
 from typing import Annotated, Final, NamedTuple, TypeAlias
 
@@ -159,8 +158,7 @@ def _edges(ring: Sequence[Vertex]) -> list[tuple[Vertex, Vertex]]:
     return list(zip(ring, (*ring[1:], ring[0]), strict=True))
 
 
-@dataclass(frozen=True)
-class Door:
+class Door(msgspec.Struct, frozen=True):
     """A narrow passage between regions."""
 
     index: int

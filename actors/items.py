@@ -1,7 +1,6 @@
 """Items of a task, such as places to visit or orders to deliver, and robots' reports about them."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Any, Final, Protocol
 
 import msgspec
@@ -60,8 +59,7 @@ class TaskReports(Protocol):
         """Items that it still plans to do, in order; None: unchanged."""
 
 
-@dataclass(frozen=True)
-class TaskLimits:
+class TaskLimits(msgspec.Struct, frozen=True):
     """Limits of a robot's task reports in one step; own choices, far above what a strategy needs."""
 
     reports: int = 1000

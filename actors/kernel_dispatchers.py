@@ -161,10 +161,10 @@ class _Cache(FunctionCache):  # type: ignore[misc]
         base = f"{self._impl.locator.get_cache_path()}/{self._impl.filename_base}"
         self._cache_file = _Files(f"{base}.{kind}")
 
-    def _index_key(self, signature: Any, codegen: Any) -> tuple[Any, str, str]:
+    def _index_key(self, signature: Any, codegen: Any) -> str:
         function = self._py_func
         cells = tuple(cell.cell_contents for cell in function.__closure__ or ())
-        return signature, _machine(), _hash((function.__code__.co_code, dumps(cells) if cells else b""))
+        return f"{_hash((signature, function.__code__.co_code, cells and dumps(cells)))}.{_machine()}"
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
         """Load without numba's registries of functions, which only compilation needs."""
@@ -190,23 +190,22 @@ class _Files:
     def __init__(self, base: str) -> None:
         self._base = base
 
-    def load(self, key: Any) -> Any:
+    def load(self, key: str) -> Any:
         """Return the saved data from the first folder that has it; None: no folder has it."""
         for root in _roots():
             with suppress(OSError, EOFError, pickle.UnpicklingError):
                 return pickle.loads((root / self._name(key)).read_bytes())
         return None
 
-    def save(self, key: Any, data: object) -> None:
+    def save(self, key: str, data: object) -> None:
         """Save atomically in the first writable folder; without one, nothing is saved."""
         content = dumps(data)
         for root in _roots():
             if write_file(root / self._name(key), content):
                 return
 
-    def _name(self, key: Any) -> str:
-        signature, machine, code = key
-        return f"{self._base}.{_hash((signature, code))}.{machine}.nbc"
+    def _name(self, key: str) -> str:
+        return f"{self._base}.{key}.nbc"
 
 
 @remembered

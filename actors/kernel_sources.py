@@ -25,8 +25,6 @@ from actors.kernels import cache_folder, write_file
 _ROOT: Final = Path(__file__).parents[1]
 _COMPILED: Final = re.compile(r"(?m)import (?:\(\s*)?(?:njit|kernel)\b|^def fingerprint\b")
 """Found in modules with kernels, and in those with other arithmetic that has a fingerprint."""
-_KEPT: Final = 2
-"""Source states kept per module: the current and the previous one, in case the sources are reverted."""
 _ALL: Final = "*"
 """Stands for all definitions of a module."""
 _LOOSE: Final = ""
@@ -79,17 +77,9 @@ def _files(package: str) -> Iterator[str]:
 
 def prune_cache() -> None:
     """Remove kernels of outdated source states; a process that still needs one compiles it again."""
-    states: dict[str, list[tuple[float, Path]]] = {}
-    with suppress(OSError):
-        for folder in cache_folder().iterdir():
-            if folder.is_dir() and re.fullmatch(r"actors[\w.]*-[0-9a-f]{16}", folder.name):
-                module = folder.name.rpartition("-")[0]
-                with suppress(OSError):  # removed by another process
-                    states.setdefault(module, []).append((folder.stat().st_mtime, folder))
-    for module, found in states.items():
-        now = f"{module}-{module_state(module)}"
-        old = [folder for _, folder in sorted(found, reverse=True) if folder.name != now]
-        for folder in old[_KEPT - 1 :]:
+    for folder in cache_folder().glob("*-*"):
+        module, _, state = folder.name.rpartition("-")
+        if re.fullmatch("[0-9a-f]{16}", state) and state != module_state(module):
             shutil.rmtree(folder, ignore_errors=True)
 
 
@@ -145,7 +135,7 @@ class _Module:
         self._imports: dict[str, _Definition] = {}
         self._reexported: list[str] = []
         """Modules of `from MODULE import *`."""
-        tree = _Normaliser().visit(ast.parse(text))
+        tree = _CodeParser().visit(ast.parse(text))
         for statement in tree.body:
             for local, module, imported in _imports(statement):
                 if local == _ALL:
@@ -220,7 +210,7 @@ def _resolve(module: str, name: str) -> _Definition:
     return (module, name) if _source(inner := f"{module}.{name}") is None else (inner, _ALL)
 
 
-class _Normaliser(ast.NodeTransformer):
+class _CodeParser(ast.NodeTransformer):
     """Removes docstrings, annotations of functions, and what only type checkers run."""
 
     def visit_Expr(self, node: ast.Expr) -> ast.AST | None:

@@ -96,18 +96,10 @@ def cache_folder() -> Path:
 
 def write_file(path: Path, content: bytes) -> bool:
     """Write a file of the cache atomically; return False if that is impossible."""
-    import tempfile  # noqa: PLC0415
+    from actors.runtime.regular_file import write_atomically  # noqa: PLC0415  # rarely needed
 
     with suppress(OSError):
         path.parent.mkdir(parents=True, exist_ok=True)
-        with tempfile.NamedTemporaryFile(dir=path.parent, delete=False) as file:
-            try:
-                file.write(content)
-                file.flush()
-                Path(file.name).chmod(0o644)
-                Path(file.name).replace(path)
-            except OSError:
-                Path(file.name).unlink(missing_ok=True)
-                raise
+        write_atomically(path, content)
         return True
     return False

@@ -84,8 +84,7 @@ def _bounds(order: Order, limits: OrderLimits) -> Iterator[tuple[str, float, flo
 _TAGS: Final = 2**63
 
 
-@dataclass(frozen=True)
-class MessageLimits(TaskLimits):
+class MessageLimits(TaskLimits, frozen=True):
     """Limits of a robot's messages per step; own choices, far above what a strategy needs.
 
     Task reports must also fit into one message (actors.runtime.codec.MESSAGE_LIMIT).

@@ -7,18 +7,21 @@ errors; figures of one run of many frames are shares with binomial errors.
 
 `a_per`: one sender and one receiver over a loss. `b`, `c`, `d`: n contenders and a silent sink, with Poisson
 arrivals of G/n each or always backlogged, a warm-up of 1 s, then 30 s measured (60 with hidden senders, 20
+import dataclasses
 from 35 senders on). `e`: two hidden senders with overlapping frames.
 """
 
 import csv
+import dataclasses
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from statistics import mean, stdev
 from typing import Any, Final
 
 import numpy as np
+from msgspec.structs import replace
 
 from actors.array_types import Floats
 from actors.ieee802154 import airtime_ns
@@ -206,7 +209,7 @@ def scene(family: str, settings: Mapping[str, str]) -> TrialScene:
     )
     if family != "c_contention_spatial60m":
         return stage
-    return replace(
+    return dataclasses.replace(
         stage,
         propagation=IndoorPropagation(NS3.propagation),
         places=_scattered_places(senders, 60.0),

@@ -2,10 +2,11 @@
 
 import sys
 from collections.abc import Sequence
-from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, TextIO
+
+from msgspec.structs import replace
 
 from acrc_testbed.command_line import shared_options
 from acrc_testbed.command_line.shared_options import (

@@ -1,12 +1,14 @@
 """Settings of a study's trials: command-line options and random draws by seed."""
 
+import dataclasses
 import itertools
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final, NamedTuple
 
 import msgspec
+from msgspec.structs import replace
 from numpy.random import Generator
 
 from acrc_testbed.experiments.metrics import MetricError, load_function
@@ -301,7 +303,7 @@ def resolve_study(options: StudyOptions) -> tuple[StudyOptions, tuple[str, ...]]
         return options, ()
     if options.preset is not None:
         raise OptionError(f"--preset: is a study; cannot be combined with {options.study}")
-    taken = replace(options, study=None, scenario=options.study)
+    taken = dataclasses.replace(options, study=None, scenario=options.study)
     study = make_study(taken)
     names, first = " and ".join(study.strategies), study.first_seed
     others = "" if options.strategies else "; use --strategies NAME,NAME to compare others"

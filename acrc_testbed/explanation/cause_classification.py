@@ -6,10 +6,10 @@ such a chain have the cause of its last robot, the root; a ring has no root and 
 
 from collections import Counter
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 from itertools import pairwise
 from typing import Final, NamedTuple
 
+import msgspec
 import numpy as np
 
 from acrc_testbed.explanation import robot_states
@@ -83,8 +83,7 @@ _MOST_OWN: Final = 100
 Causes = Octets
 
 
-@dataclass(frozen=True, eq=False)
-class CauseTable:
+class CauseTable(msgspec.Struct, frozen=True, eq=False):
     """Causes of all steps of all robots; (steps, robots) each."""
 
     causes: Causes

@@ -2,9 +2,9 @@
 
 from collections import deque
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
 from typing import Final, NamedTuple
 
+import msgspec
 import numpy as np
 
 from acrc_testbed.run_model.data import Route, RunData, Trajectory
@@ -41,8 +41,7 @@ def interval_mask(found: Sequence[tuple[int, int | None]], run: RunData) -> Flag
     return mask
 
 
-@dataclass(frozen=True)
-class CauseCriteria:
+class CauseCriteria(msgspec.Struct, frozen=True):
     """Criteria of causes and blockings; chosen here, as the chapter gives no numbers."""
 
     lost: float = 1.0

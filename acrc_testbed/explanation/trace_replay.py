@@ -5,13 +5,13 @@ robot and writes its trace, which `causal_trace.decode` reads.
 """
 
 import os
+from dataclasses import replace
 
 if __name__ == "__main__":  # not in an importing process
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # before numpy: isolation needs one thread
 
 import sys
 from collections.abc import Sequence
-from dataclasses import replace
 from pathlib import Path
 from typing import Final, cast
 

@@ -1,10 +1,11 @@
 """True floor of a run over time, the paths on it, and its narrow passages."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cache, cached_property
 from typing import Final
 
+import msgspec
 import numpy as np
 
 from acrc_testbed.explanation.episodes import STANDARD
@@ -203,8 +204,7 @@ def _neck_cells(grid: OccupancyGrid, floor: Flags, width: float) -> Flags:
     return necks
 
 
-@dataclass(frozen=True, eq=False)
-class FloorStage:
+class FloorStage(msgspec.Struct, frozen=True, eq=False):
     """The floor from one step until the next stage."""
 
     begin: int

@@ -10,6 +10,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Final, NamedTuple
 
+import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
@@ -98,8 +99,7 @@ class Route(NamedTuple):
     items: tuple[ItemKey, ...]
 
 
-@dataclass(frozen=True, eq=False)
-class Trajectory:
+class Trajectory(msgspec.Struct, frozen=True, eq=False):
     """One robot over time, sampled at n instants of its own."""
 
     seconds: Floats
@@ -114,8 +114,7 @@ class Trajectory:
     """State changes: the time, s, and the new state: "" (active), "frozen", "off" or "not heard"."""
 
 
-@dataclass(frozen=True)
-class RobotReport:
+class RobotReport(msgspec.Struct, frozen=True):
     """Final records of one robot's processes; instants in µs."""
 
     goals: tuple[GoalRecord, ...] | None = ()

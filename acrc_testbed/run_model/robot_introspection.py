@@ -1,7 +1,6 @@
 """Introspection of robots, read from their recordings process by process."""
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Final, NamedTuple
 
@@ -143,8 +142,7 @@ class StepCommit(NamedTuple):
     """Short address of the sender whose frame completed the replica; None: no frame was recorded."""
 
 
-@dataclass(frozen=True, eq=False)
-class CostWindows:
+class CostWindows(msgspec.Struct, frozen=True, eq=False):
     """Local cost maps of navigation."""
 
     seconds: Floats
@@ -157,8 +155,7 @@ class CostWindows:
     """Edge of a cell, m."""
 
 
-@dataclass(frozen=True, eq=False)
-class RobotInternals:
+class RobotInternals(msgspec.Struct, frozen=True, eq=False):
     """Introspection of one robot process, whole or the next part; sampled at n instants."""
 
     process: RecordedProcess

@@ -4,6 +4,7 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import Final
 
+import msgspec
 import numpy as np
 
 from actors.array_types import Flags, Floats, Int32s, Int64s
@@ -20,8 +21,7 @@ ROOM: Final = 0.8
 middle."""
 
 
-@dataclass(frozen=True, eq=False)
-class Regions:
+class Regions(msgspec.Struct, frozen=True, eq=False):
     """Partition of a floor into regions and doors."""
 
     labels: Int32s

@@ -5,14 +5,16 @@ import io
 import math
 import os
 import warnings
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path, PureWindowsPath
 from typing import Final
 from weakref import WeakKeyDictionary
 
+import msgspec
 import numpy as np
 import yaml
+from msgspec.structs import replace
 from PIL import Image, UnidentifiedImageError
 
 from actors.array_types import Flags, Floats, UInt16s
@@ -36,8 +38,7 @@ class MapError(AcrcError):
     """A map file that cannot be used."""
 
 
-@dataclass(frozen=True)
-class MapHeader:
+class MapHeader(msgspec.Struct, frozen=True):
     """Validated content of the YAML."""
 
     image: Path

@@ -1,11 +1,11 @@
 """Floors drawn from boxes and discs, and generated office floors."""
 
-from dataclasses import dataclass
 from functools import lru_cache
 from itertools import accumulate, pairwise
 from pathlib import Path
 from typing import Final
 
+import msgspec
 import numpy as np
 from numpy.random import Generator
 
@@ -26,8 +26,7 @@ Disc = tuple[float, float, float]
 """x, y, radius, m."""
 
 
-@dataclass(frozen=True)
-class DrawnFloor:
+class DrawnFloor(msgspec.Struct, frozen=True):
     """Obstacles on a rectangle with walls on its border."""
 
     width: float
@@ -81,8 +80,7 @@ class OfficesError(AcrcError):
     """An invalid name of an office floor."""
 
 
-@dataclass(frozen=True)
-class _Range:
+class _Range(msgspec.Struct, frozen=True):
     """Bounds of a parameter, and of its random value if the name does not set it; cells or whole numbers."""
 
     low: int
@@ -129,8 +127,7 @@ _PIECE: Final = ((16, 32), (12, 16))
 """Length along the wall and depth of a piece of furniture, cells."""
 
 
-@dataclass(frozen=True)
-class OfficeParameters:
+class OfficeParameters(msgspec.Struct, frozen=True):
     """Parameters of a generated floor: seed, and values set by the name (lengths in cells)."""
 
     seed: int
@@ -156,8 +153,7 @@ class OfficeParameters:
         return generator(self.seed, "offices", purpose)
 
 
-@dataclass(frozen=True)
-class OfficeFloor:
+class OfficeFloor(msgspec.Struct, frozen=True):
     """A generated floor with its rooms and doors."""
 
     floor: DrawnFloor
@@ -167,8 +163,7 @@ class OfficeFloor:
     """Centre of every door."""
 
 
-@dataclass(frozen=True)
-class _Office:
+class _Office(msgspec.Struct, frozen=True):
     """An office, in cells: x0 to x1, y0 to y1; the corridor is to its north or south."""
 
     x0: int

@@ -11,14 +11,15 @@ import platform
 import subprocess
 import sys
 import tempfile
-import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import ThreadPoolExecutor
-from contextlib import contextmanager, suppress
+from concurrent.futures import FIRST_COMPLETED, ThreadPoolExecutor, wait
+from contextlib import ExitStack, contextmanager, suppress
 from functools import cache
+from graphlib import TopologicalSorter
 from importlib.metadata import version
 from pathlib import Path
+from queue import SimpleQueue
 from typing import Final
 
 import msgspec
@@ -33,8 +34,6 @@ _TITLE: Final = "compiling numeric kernels (once after an installation or a sour
 _DONE: Final = "complete"
 """File in the cache that lists the source states and machines for which all kernels are compiled."""
 
-_TASKS: Final = ("cleaning.visits",)
-"""Modules with kernels of tasks."""
 _COMPILER: Final = ("-m", "actors.processes.kernel_compiler")
 """Options of Python for a process that compiles the modules in its input and prints their names."""
 _GENERIC: Final = {"NUMBA_CPU_NAME": "generic", "NUMBA_CPU_FEATURES": "", "PYTHONHASHSEED": "0"}
@@ -53,7 +52,7 @@ def compile_kernels(*, quiet: bool = False, onboard: bool = False) -> None:
     modules = [one for one in kernel_modules(onboard=onboard) if one.__name__ not in found]
     if modules:
         with _progress(len(modules), quiet=quiet) as report_progress:
-            _Compilation(modules, report_progress).run()
+            _compile(modules, report_progress)
     prune_cache()
     with suppress(OSError):  # without a cache they are checked again next time
         stamp = cache_folder() / _DONE
@@ -77,71 +76,46 @@ def _entry(*, onboard: bool) -> str:
     return f"{module_state('')} {_environment()}, {part}"
 
 
-class _Compilation:
-    """Parallel compilation of modules, each after those whose kernels it calls.
+def _compile(modules: Sequence[KernelModule], report_progress: Callable[[], None]) -> None:
+    """Compile modules in parallel, each after those whose kernels it calls, so that none is compiled twice.
 
-    So no kernel is compiled twice. If a process fails, this process compiles.
+    This process compiles the modules that another one fails to compile.
     """
-
-    def __init__(self, modules: Sequence[KernelModule], report_progress: Callable[[], None]) -> None:
-        self._report_progress = report_progress
-        self._changed = threading.Condition()
-        self._not_started = {module.__name__: module for module in modules}
-        self._not_finished = set(self._not_started)
-
-    def run(self) -> None:
-        """Compile all modules."""
-        processes = min(len(os.sched_getaffinity(0)), _MAX_PROCESSES, len(self._not_started))
-        with ThreadPoolExecutor(processes) as pool:
-            failed = [
-                module for module in pool.map(self._compile_modules, range(processes)) if module is not None
-            ]
-        for module in (*failed, *self._not_started.values()):
-            fingerprints([module])
-            self._report_progress()
-
-    def _compile_modules(self, _: int) -> KernelModule | None:
-        """Compile modules in one process; return the module at which it failed, if any."""
-        with subprocess.Popen(
-            [*python_command(), *_COMPILER], stdin=subprocess.PIPE, stdout=subprocess.PIPE,
-            stderr=subprocess.DEVNULL, text=True, bufsize=1,
-        ) as compiler:  # fmt: skip
-            try:
-                while (source_and_module := self._next_module()) is not None:
-                    source, module = source_and_module
-                    is_compiled = _compile(compiler, module.__name__)
-                    with self._changed:
-                        self._not_finished.discard(source)
-                        self._changed.notify_all()
-                        if not is_compiled:
-                            return module
-                        self._report_progress()
-            finally:
-                with suppress(OSError):  # unread data of a failed process
-                    compiler.stdin.close()  # type: ignore[union-attr]
-        return None
-
-    def _next_module(self) -> tuple[str, KernelModule] | None:
-        """Wait for and return the next module whose callees are compiled; None: all are taken."""
-        with self._changed:
-            while self._not_started:
-                for source in self._not_started:
-                    if not (self._not_finished & used_modules(source)) - {source}:
-                        return source, self._not_started.pop(source)
-                if len(self._not_finished) == len(self._not_started):  # circular imports
-                    return self._not_started.popitem()
-                self._changed.wait()
-        return None
+    named = {module.__name__: module for module in modules}
+    order = TopologicalSorter({name: named.keys() & used_modules(name) - {name} for name in named})
+    order.prepare()
+    idle = SimpleQueue[subprocess.Popen[bytes]]()
+    processes = min(len(os.sched_getaffinity(0)), _MAX_PROCESSES, len(modules))
+    with ExitStack() as stack, ThreadPoolExecutor(processes) as pool:
+        for _ in range(processes):
+            compiler = subprocess.Popen(
+                [*python_command(), *_COMPILER], bufsize=0,
+                stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL,
+            )  # fmt: skip
+            idle.put(stack.enter_context(compiler))
+        running = {}
+        while order.is_active():
+            for name in order.get_ready():
+                running[pool.submit(_compile_in, idle, name.encode())] = name
+            for future in wait(running, return_when=FIRST_COMPLETED).done:
+                name = running.pop(future)
+                if not future.result():
+                    fingerprints([named[name]])
+                report_progress()
+                order.done(name)
 
 
-def _compile(compiler: "subprocess.Popen[str]", module: str) -> bool:
-    """Compile a module in another process; return whether it succeeded."""
+def _compile_in(idle: "SimpleQueue[subprocess.Popen[bytes]]", module: bytes) -> bool:
+    """Compile a module in one of the processes; return whether it succeeded."""
+    compiler = idle.get()
     assert compiler.stdin is not None and compiler.stdout is not None
     try:
-        compiler.stdin.write(f"{module}\n")
-        return compiler.stdout.readline() == f"{module}\n"
+        compiler.stdin.write(module + b"\n")
+        return compiler.stdout.readline() == module + b"\n"
     except OSError:
         return False
+    finally:
+        idle.put(compiler)
 
 
 def _environment() -> str:
@@ -166,18 +140,17 @@ def kernel_modules(*, onboard: bool = False) -> Sequence[KernelModule]:
 
 
 def archived_modules() -> list[str]:
-    """Return the names of all modules with kernels, in the order in which the archive's are compiled."""
-    return [*(module.__name__ for module in kernel_modules()), *_TASKS]
+    """Return the names of all modules with kernels, tasks' included, in the order of their compilation."""
+    return [*(module.__name__ for module in kernel_modules()), "cleaning.visits"]
 
 
 def compile_archived(modules: list[str]) -> dict[str, dict[str, bytes]]:
     """Compile these modules for every processor of this architecture; return their `Kernels`."""
     with tempfile.TemporaryDirectory() as folder:
         environment = {**os.environ, **_GENERIC, "NUMBA_CACHE_DIR": folder}
-        names = "".join(f"{module}\n" for module in modules)
         subprocess.run(
-            [*python_command(), *_COMPILER], input=names, env=environment, text=True, check=True,
-            stdout=subprocess.DEVNULL,
+            [*python_command(), *_COMPILER], input="\n".join(modules), env=environment, text=True, check=True,
+            capture_output=True,
         )  # fmt: skip
         found: dict[str, dict[str, bytes]] = {f"{one}-{module_state(one)}": {} for one in modules}
         for path in Path(folder).glob("*/*.whole.*"):
@@ -185,10 +158,10 @@ def compile_archived(modules: list[str]) -> dict[str, dict[str, bytes]]:
         return found
 
 
-def write_archive(modules: list[str]) -> None:
-    """Compile these modules and put them into the archive, in place of those of this Python version."""
+def write_archive() -> None:
+    """Compile all kernels and put them into the archive, in place of those of this Python version."""
     numba = load_numba()
-    archived = numba.read_archive() | {numba.PYTHON: compile_archived(modules)}
+    archived = numba.read_archive() | {numba.PYTHON: compile_archived(archived_modules())}
     content = msgspec.msgpack.encode(archived, order="sorted")
     write_file(numba.ARCHIVE, lzma.compress(content, preset=9 | lzma.PRESET_EXTREME))
 
@@ -218,4 +191,4 @@ def _progress(count: int, *, quiet: bool) -> Iterator[Callable[[], None]]:
 
 
 if __name__ == "__main__":
-    write_archive(archived_modules())
+    write_archive()

@@ -7,7 +7,7 @@ import socket
 import subprocess
 import tempfile
 import time
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -42,8 +42,7 @@ class LaunchError(AcrcError):
     """A process that could not be started."""
 
 
-@dataclass(frozen=True)
-class Program:
+class Program(msgspec.Struct, frozen=True):
     """Command to run: `python -m MODULE ARGV…`, with its output redirected to a log."""
 
     actor: str
@@ -196,27 +195,10 @@ class Launcher:
 
     def start(self, program: Program) -> ChildProcess:
         """Start a program; its set-up replaces the file of an earlier start. Raises LaunchError."""
-        self._request_start(program)
-        return self._await_start(program)
-
-    def start_all(self, programs: Iterable[Program]) -> Iterator[ChildProcess]:
-        """Start programs, each requested while the server starts the one before. Raises LaunchError."""
-        requested: Program | None = None
-        for program in programs:
-            self._request_start(program)
-            if requested is not None:
-                yield self._await_start(requested)
-            requested = program
-        if requested is not None:
-            yield self._await_start(requested)
-
-    def _request_start(self, program: Program) -> None:
         if program.setup is not None:
             write_setup(program)
         self._send(StartChild(program.names is not None))
         self._send(ProcessStart(EntryPoint(program.module, program.argv), str(program.log), program.names))
-
-    def _await_start(self, program: Program) -> ChildProcess:
         while not isinstance(reply := self._receive(), ChildStarted | StartRefused):
             pass
         if isinstance(reply, StartRefused):

@@ -88,8 +88,7 @@ Phase = Literal["start", "step", "end"]
 and have long waits reported."""
 
 
-@dataclass
-class _ProcessTimes:
+class _ProcessTimes(msgspec.Struct):
     """Times of one suspect since the last step, s."""
 
     cpu_s: float

@@ -8,9 +8,9 @@ octets (2006: 7.2.1, 7.2.2). Source: d3scomp/beeclickarm, MRF24J40.cpp.
 import binascii
 import struct
 from bisect import bisect_right
-from dataclasses import dataclass
 from typing import Final
 
+import msgspec
 import numpy as np
 
 from actors import ieee802154
@@ -43,8 +43,7 @@ _MIRRORED: Final = bytes(int(f"{byte:08b}"[::-1], 2) for byte in range(256))
 """Bytes with reversed bits."""
 
 
-@dataclass(frozen=True)
-class DataFrame:
+class DataFrame(msgspec.Struct, frozen=True):
     """Broadcast data; the sequence number is 0, as in the firmware."""
 
     pan: int

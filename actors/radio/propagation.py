@@ -16,9 +16,9 @@ and the seed.
 """
 
 import math
-from dataclasses import dataclass, field
 from typing import Final, NamedTuple
 
+import msgspec
 import numpy as np
 from numpy.random import Generator
 
@@ -30,8 +30,7 @@ from actors.portable.draws import normals, uniforms
 from actors.radio.walls import TILE, Walls, wall_loss, walls_of
 
 
-@dataclass(frozen=True)
-class PathLossParameters:
+class PathLossParameters(msgspec.Struct, frozen=True):
     """Path loss in line of sight; the defaults are those of Annex E."""
 
     near_loss_db: float = 40.2
@@ -87,8 +86,7 @@ NO_SQUARE: Final = -(2**62)
 """Square number of receivers without phasors."""
 
 
-@dataclass(frozen=True)
-class ShadowingParameters:
+class ShadowingParameters(msgspec.Struct, frozen=True):
     """Parameters of random differences between links of equal length."""
 
     sigma_db: float = 0.0
@@ -200,15 +198,14 @@ _ROUNDING_DB: Final = 1e-9
 """More than the rounding differences of sums in another order."""
 
 
-@dataclass(frozen=True)
-class PropagationParameters:
+class PropagationParameters(msgspec.Struct, frozen=True):
     """Parameters of the loss between two antennas."""
 
-    path_loss: PathLossParameters = field(default_factory=PathLossParameters)
+    path_loss: PathLossParameters = msgspec.field(default_factory=PathLossParameters)
     """Path loss over distance in line of sight."""
     walls: str = "air"
     """Material of occupied cells (`walls.MATERIALS`); "air": no loss by walls."""
-    shadowing: ShadowingParameters = field(default_factory=ShadowingParameters)
+    shadowing: ShadowingParameters = msgspec.field(default_factory=ShadowingParameters)
     """Random differences between places."""
 
 

@@ -1,7 +1,6 @@
 """Radio model: presets, changes of a set-up, propagation and link budget."""
 
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
 from types import MappingProxyType
@@ -10,6 +9,7 @@ from typing import Annotated, Final, Self
 import msgspec
 import numpy as np
 from msgspec import Meta
+from msgspec.structs import replace
 from numpy.random import Generator
 
 from actors.array_types import Floats, Int64s
@@ -123,8 +123,7 @@ class WifiInterferer:
         self._drawn_until = int(ends[-1])
 
 
-@dataclass(frozen=True)
-class Jammer:
+class Jammer(msgspec.Struct, frozen=True):
     """An interferer that blocks all reception within its radius for one burst, without effect beyond."""
 
     x: float
@@ -156,15 +155,14 @@ Channel = Annotated[
 ]
 
 
-@dataclass(frozen=True)
-class RadioParameters:
+class RadioParameters(msgspec.Struct, frozen=True):
     """Parameters of the radio model."""
 
     transceiver: Transceiver
     """Settings of every robot's transceiver, except its address."""
     phy: PhyParameters
     """Parameters of reception."""
-    propagation: PropagationParameters = field(default_factory=PropagationParameters)
+    propagation: PropagationParameters = msgspec.field(default_factory=PropagationParameters)
     """Parameters of the loss between antennas."""
     channel: int = 11
     """IEEE 802.15.4 channel, 11 to 26; matters only with Wi-Fi. Default: as in the BEE click's firmware
@@ -230,8 +228,7 @@ RadioProgram = ActorSetup[RadioSetup, ProcessSetup]
 """Set-up file of a radio's process."""
 
 
-@dataclass(frozen=True)
-class RadioModel:
+class RadioModel(msgspec.Struct, frozen=True):
     """Model of a run's medium, except the transceivers' addresses."""
 
     parameters: RadioParameters

@@ -7,9 +7,9 @@ per metre. In addition there are the wall types of COST 231, whose loss does not
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Annotated, Final, NamedTuple
 
+import msgspec
 import numpy as np
 from msgspec import Meta
 
@@ -25,8 +25,7 @@ _GHZ: Final = 2.45
 """Centre of the band, channels 11 to 26."""
 
 
-@dataclass(frozen=True)
-class Material:
+class Material(msgspec.Struct, frozen=True):
     """Loss of signals through walls of a material."""
 
     crossing_db: float

@@ -8,8 +8,9 @@ import faulthandler
 import sys
 import threading
 from collections.abc import Callable, Sequence
-from dataclasses import replace
 from pathlib import Path
+
+from msgspec.structs import replace
 
 from actors.robot import assembly, program
 from actors.runtime import captured_output, debugger, failure

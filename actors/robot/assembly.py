@@ -1,7 +1,6 @@
 """Assembly of a robot: localisation, navigation and behaviour from its set-up."""
 
 from contextlib import nullcontext
-from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Annotated, Final
 
@@ -80,8 +79,7 @@ class RobotSetup(RobotDescription, frozen=True, kw_only=True):
         return Pose(x, y, wrap(heading))
 
 
-@dataclass(frozen=True, eq=False)
-class SharedMapData:
+class SharedMapData(msgspec.Struct, frozen=True, eq=False):
     """Data derived from map, model and stack, shared by all robots with equal ones."""
 
     plan: OccupancyGrid

@@ -6,8 +6,9 @@ step: localisation, navigation, behaviour; a new goal moves the base from the ne
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Final, cast
+
+import msgspec
 
 from actors.geometry import STILL, Pose, Twist
 from actors.instant import Instant, in_seconds
@@ -49,8 +50,7 @@ def _is_moving(velocity: Twist) -> bool:
     return not (-_SPEED <= vx <= _SPEED and -_SPEED <= vy <= _SPEED and -_TURN_RATE <= omega <= _TURN_RATE)
 
 
-@dataclass(frozen=True)
-class RobotParts:
+class RobotParts(msgspec.Struct, frozen=True):
     """Components of a robot."""
 
     sweeps: OdometryBuffer

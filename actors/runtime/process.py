@@ -7,7 +7,6 @@ import threading
 import time
 from collections.abc import Callable, Collection, Mapping, Sequence
 from contextlib import ExitStack, suppress
-from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Any, Protocol, TypeVar
 
@@ -105,8 +104,7 @@ class FinalNote(msgspec.Struct, frozen=True):
         return typed_json.decode(msgspec.json.encode(self.outcome), kind)
 
 
-@dataclass(frozen=True)
-class ActorProcess:
+class ActorProcess(msgspec.Struct, frozen=True):
     """A core with its connections."""
 
     core: Core

@@ -8,7 +8,6 @@ blocked wheels; voltage, temperature and ageing of the battery.
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
 from typing import Final
 
 import msgspec
@@ -44,15 +43,14 @@ class EnergyReport(msgspec.Struct, frozen=True):
         return self.electronics_j + self.sensor_j + self.radio_j + self.motors_j
 
 
-@dataclass
-class BatteryState:
+class BatteryState(msgspec.Struct):
     """State of one battery; energies in µJ."""
 
     parameters: BatteryParameters
     sensor_power: float
     initial: int
     left: int
-    used: dict[str, int] = field(default_factory=lambda: dict.fromkeys(CONSUMERS, 0))
+    used: dict[str, int] = msgspec.field(default_factory=lambda: dict.fromkeys(CONSUMERS, 0))
     charged: int = 0
     empty_at: Instant | None = None
     offered: float = 0.0

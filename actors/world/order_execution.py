@@ -2,8 +2,9 @@
 
 from collections import deque
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, field
 from typing import Any, Final
+
+import msgspec
 
 from actors.geometry import Point, Pose, wrap
 from actors.instant import Instant, in_seconds
@@ -39,16 +40,15 @@ STOP: Final = Drive(0, 0.0, 0.0, 0.0, 0)
 """Command of a base whose battery is empty: its geared wheels brake."""
 
 
-@dataclass
-class OrderEffects:
+class OrderEffects(msgspec.Struct):
     """Effects of the orders of one step boundary on messages and the run."""
 
-    starts: list[ProcessOrder] = field(default_factory=list)
+    starts: list[ProcessOrder] = msgspec.field(default_factory=list)
     """Processes to start."""
-    ends: list[str] = field(default_factory=list)
+    ends: list[str] = msgspec.field(default_factory=list)
     """Robots whose processes must end."""
-    jams: list[Jam] = field(default_factory=list)
-    losses: list[Loss] = field(default_factory=list)
+    jams: list[Jam] = msgspec.field(default_factory=list)
+    losses: list[Loss] = msgspec.field(default_factory=list)
     paused: bool = False
     """True: pause at this boundary."""
     steps: int | None = None

@@ -5,7 +5,6 @@ draws are from the run's seed, with a stream per person. `social_force` has the 
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Annotated, Final, Literal
 
 import msgspec
@@ -83,8 +82,7 @@ class PeopleSetup(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """Areas of destinations; with them, all starts are in them, too."""
 
 
-@dataclass
-class _TripState:
+class _TripState(msgspec.Struct):
     """A person's current destination, or stop there."""
 
     room: int = -1

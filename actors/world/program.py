@@ -1,7 +1,6 @@
 """Process of the world: set-up, core and router."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from types import FrameType
 from typing import Any, Final
@@ -57,8 +56,7 @@ def initial_marks(setup: WorldSetup) -> tuple[ItemMark, ...]:
     return build(setup).judge.take_changes()[0]
 
 
-@dataclass(frozen=True)
-class JudgedWorld:
+class JudgedWorld(msgspec.Struct, frozen=True):
     """The world as its judge may use it, implementing `TaskWorld`."""
 
     task: Task

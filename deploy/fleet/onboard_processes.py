@@ -7,11 +7,12 @@ import fcntl
 import time
 import zlib
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Final, NamedTuple
 
 import msgspec
+from msgspec.structs import replace
 
 from actors.installation.repository import REPOSITORY
 from actors.installation.usage import OptionError

@@ -12,7 +12,6 @@ import weakref
 from collections import deque
 from collections.abc import Iterator
 from contextlib import suppress
-from dataclasses import replace
 from itertools import chain
 from pathlib import Path
 from signal import SIGCONT, SIGKILL, SIGTERM, Signals
@@ -21,6 +20,7 @@ from typing import Annotated, Any, Final
 import msgspec
 from distributed import Status, Worker, get_worker
 from msgspec import Meta, Struct
+from msgspec.structs import replace
 
 from acrc_testbed.results.seal import Id, Sha256, Size
 from actors.processes.launcher import ChildProcess, Launcher, Program, create_launcher

@@ -4,7 +4,7 @@ import math
 import secrets
 import select
 import time
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -66,10 +66,6 @@ class HostedLauncher:
         if program.actor == "world":
             self._world = child
         return child
-
-    def start_all(self, programs: Iterable[Program]) -> Iterator[ChildProcess]:
-        """Start programs, each on its host or here."""
-        return map(self.start, programs)
 
     def share(self, module: str, words: Sequence[str], folder: Path) -> None:
         """Do nothing: each host loads the data that its robots share."""

@@ -5,10 +5,12 @@ import os
 import re
 import sys
 from collections.abc import Sequence
-from dataclasses import KW_ONLY, dataclass, field, replace
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal, get_args
+
+import msgspec
+from msgspec.structs import replace
 
 from actors.installation.usage import OptionError, check_choice, wrong_value
 from actors.processes.monitor import Timeout
@@ -28,13 +30,14 @@ _LONGEST_STEP_S = 0.1
 Bus = Literal["zenoh", "memory"]
 
 
-@dataclass(frozen=True)
-class RunOptions:
-    """The options of `acrc run` that are not part of the scenario."""
-
+class _Output(msgspec.Struct, frozen=True):
     out: Path
     """Absolute path of a new or empty folder for everything that the run writes."""
-    _: KW_ONLY
+
+
+class RunOptions(_Output, frozen=True, kw_only=True):
+    """The options of `acrc run` that are not part of the scenario."""
+
     record: RecordDetail = "full"
     """Level of detail of recordings; `lean`: without the introspection that viewers and exports show."""
     speed: str = "max"
@@ -63,7 +66,7 @@ class RunOptions:
     """Run the robots' hardware processes with emulated devices, in wall time."""
     boards: tuple[str, ...] = ()
     """With `hardware`: robots with an emulated board instead of a simulated transceiver; empty: all."""
-    limits: ProcessLimits = field(default=ProcessLimits())
+    limits: ProcessLimits = msgspec.field(default=ProcessLimits())
     """Resource limits of each robot's process."""
     timeout_s: float = Timeout.step_s
     """Stall timeout of an actor's step, s; see `actors.processes.monitor`."""

@@ -3,11 +3,12 @@
 import os
 import shutil
 from collections.abc import Callable, Collection
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 import msgspec
+from msgspec.structs import replace
 
 from acrc_testbed.results.result import UNKNOWN_ORIGIN, Origin, package_versions
 from acrc_testbed.results.summary import ROS2_LOG, VIEW_LOG

@@ -1,14 +1,16 @@
 """Creation of the first robot in a separate process, before a run."""
 
+import dataclasses
 import re
 import signal
 import time
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
 import msgspec
+from msgspec.structs import replace
 
 from actors.messages import ProcessOrder
 from actors.processes.launcher import ChildProcess, Launcher, scratch_folder
@@ -40,7 +42,7 @@ def preflight(plan: RunPlan, launcher: Launcher, limits: PreflightLimits = Prefl
     robot = plan.world.robots[0]
     with scratch_folder() as folder:
         options = replace(plan.options, out=folder)
-        trial = replace(plan, options=options, debug=plan.debug and DebuggedRobot("", ""))
+        trial = dataclasses.replace(plan, options=options, debug=plan.debug and DebuggedRobot("", ""))
         write_robot_folder(trial, robot)
         for words in shared_arguments(trial, Path(), {robot.id}):  # the run's robots need the same data
             launcher.share("actors.robot.program", words, folder)
@@ -53,7 +55,7 @@ def preflight(plan: RunPlan, launcher: Launcher, limits: PreflightLimits = Prefl
             hung = child.exit_code is None
         finally:
             child.send(signal.SIGKILL)
-            _await_exit(child, launcher, replace(limits, patience_s=0.0))
+            _await_exit(child, launcher, dataclasses.replace(limits, patience_s=0.0))
         _check_preflight(plan, child, limits, hung=hung)
 
 

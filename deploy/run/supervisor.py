@@ -62,7 +62,7 @@ class Supervisor:
 
     def start(self, programs: Iterable[Program]) -> None:
         """Start processes."""
-        self._children.extend(self._launcher.start_all(programs))
+        self._children.extend(self._launcher.start(program) for program in programs)
 
     def end_all(self) -> None:
         """Send SIGTERM to all processes, then SIGKILL."""

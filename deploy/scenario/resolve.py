@@ -5,6 +5,7 @@ from dataclasses import dataclass, field
 from functools import partial
 from typing import Any, Final
 
+import msgspec
 from msgspec import UNSET, UnsetType, to_builtins
 from msgspec.structs import asdict, replace
 
@@ -52,8 +53,7 @@ _SPACING: Final = 0.6
 the wall."""
 
 
-@dataclass(frozen=True)
-class RobotSpec:
+class RobotSpec(msgspec.Struct, frozen=True):
     """One robot before its start and items are drawn."""
 
     table: RobotTable

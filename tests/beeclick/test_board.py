@@ -4,7 +4,6 @@ import os
 import pty
 import tty
 from contextlib import closing
-from dataclasses import replace
 from functools import reduce
 from operator import xor
 
@@ -12,6 +11,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from msgspec.structs import replace
 
 from actors.ieee802154 import TURNAROUND_NS
 from actors.instant import START, Instant, milliseconds, seconds

@@ -2,7 +2,6 @@
 
 import socket
 import threading
-from collections.abc import Iterable, Iterator
 from dataclasses import replace
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
@@ -167,7 +166,7 @@ def test_set_up_and_module_are_as_in_simulation(alone: RunPlan) -> None:
     assert simulated.setup is not None and on_board.setup is not None
     spares = msgspec.structs.replace(simulated.setup.process, spares_record=True)
     outlives = msgspec.structs.replace(simulated.setup, process=spares)
-    assert on_board == replace(simulated, setup=outlives), "it continues on a full disk"
+    assert on_board == msgspec.structs.replace(simulated, setup=outlives), "it continues on a full disk"
     debugged = onboard_processes.onboard_robot_program(
         OnboardRobot(alone, PORTS, lambda: 0, debug_port=5678), start=0
     )
@@ -176,7 +175,7 @@ def test_set_up_and_module_are_as_in_simulation(alone: RunPlan) -> None:
 
 
 def test_the_robots_files_are_as_in_simulation(alone: RunPlan, tmp_path: Path) -> None:
-    simulated = replace(alone, options=replace(alone.options, out=tmp_path / "simulated"))
+    simulated = replace(alone, options=msgspec.structs.replace(alone.options, out=tmp_path / "simulated"))
     plan.write_run_folder(simulated)
     onboard_processes.write_folders(OnboardRobot(alone, PORTS, lambda: 0))
     assert sorted(path.name for path in alone.out.iterdir()) == ["r1", "r1.base", "r1.radio"]
@@ -344,11 +343,10 @@ class FakeLauncher:
     def withdraw(self, router: Path) -> None:
         """Do nothing."""
 
-    def start_all(self, programs: Iterable[Program]) -> Iterator[ChildProcess]:
-        for program in programs:
-            self.started.append(program.actor)
-            self.children[program.actor] = ChildProcess(program, pid=2**22 + len(self.started))
-            yield self.children[program.actor]
+    def start(self, program: Program) -> ChildProcess:
+        self.started.append(program.actor)
+        self.children[program.actor] = ChildProcess(program, pid=2**22 + len(self.started))
+        return self.children[program.actor]
 
     def wait(self, _timeout_s: float) -> None:
         for name, code in (self.ends.pop(0) if self.ends else {}).items():

@@ -318,7 +318,9 @@ def test_ffmpeg_is_given_pictures_of_even_sides(
 @pytest.mark.nightly
 def test_the_demonstration(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     over_processes = start.demonstrate
-    monkeypatch.setattr(start, "demonstrate", lambda options: over_processes(replace(options, bus="memory")))
+    monkeypatch.setattr(
+        start, "demonstrate", lambda options: over_processes(msgspec.structs.replace(options, bus="memory"))
+    )
     done = acrc("demo", cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     (out,) = (tmp_path / "runs").iterdir()

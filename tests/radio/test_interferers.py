@@ -2,13 +2,13 @@
 
 import itertools
 import math
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from msgspec.structs import replace
 
 from actors.radio.medium.medium import Medium, Request
 from actors.radio.medium.state import Outcome

@@ -3,7 +3,6 @@
 import math
 import re
 import tomllib
-from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +11,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from msgspec.structs import fields, replace
 
 from actors.installation.repository import REPOSITORY
 from actors.radio.medium.reception import frame_error_rate

@@ -1,12 +1,12 @@
 """The medium compared with a slow independent one, and its invariances."""
 
 import math
-from dataclasses import replace
 
 import numpy as np
 import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
+from msgspec.structs import replace
 from numpy.typing import NDArray
 
 from actors.messages import Jam

@@ -34,6 +34,7 @@ from acrc_testbed.benchmarks.radio_trials import (
     share,
 )
 from actors.ieee802154 import SYMBOL_NS
+from actors.portable import arrays
 from actors.radio.medium import reception
 from actors.radio.medium.medium import Medium, PoissonTraffic, Request, SaturatedTraffic
 from actors.radio.medium.reception import bit_error_rate, frame_error_rate
@@ -230,4 +231,5 @@ def test_the_normal_score_is_exceeded_as_rarely(t: float, freedom: float, z: flo
 
 
 def test_the_table_of_bit_errors_is_what_its_formula_gives() -> None:
-    assert np.array_equal(reception.log_right_table(), reception._LOG_RIGHT)
+    ratios = np.arange(int(reception.CLEAN * reception._STEPS) + 2) / reception._STEPS
+    assert np.array_equal(arrays.log1p(-reception.bit_error_rate(ratios)), reception._LOG_RIGHT)

@@ -37,8 +37,9 @@ def package(tmp_path: Path) -> Path:
     (folder / "__init__.py").touch()
     (folder / "portable").mkdir()
     (folder / "portable" / "extensions.py").write_text("def register() -> None: pass\n")
-    for module in ("kernels.py", "kernel_dispatchers.py", "kernel_sources.py"):
-        shutil.copy(Path(str(kernels.__file__)).with_name(module), folder)
+    (folder / "runtime").mkdir()
+    for module in ("kernels.py", "kernel_dispatchers.py", "kernel_sources.py", "runtime/regular_file.py"):
+        shutil.copy(Path(str(kernels.__file__)).parent / module, folder / module)
     (folder / "deep" / "kernel.py").write_text(KERNEL + TWICE)
     (folder / "deep" / "constants.py").write_text("from actors.deep.numbers import TWO\n")
     (folder / "deep" / "numbers.py").write_text(TWO)
@@ -153,7 +154,7 @@ def test_kernels_of_read_only_sources_are_in_the_user_cache(package: Path) -> No
 
 
 @pytest.mark.nightly
-def test_prune_keeps_current_and_previous_state(package: Path) -> None:
+def test_prune_keeps_the_current_state_only(package: Path) -> None:
     folder = package / "__pycache__" / "kernels"
     for number in (2, 3, 4):
         (package / "deep" / "numbers.py").write_text(f"TWO = {number}\n")
@@ -161,7 +162,8 @@ def test_prune_keeps_current_and_previous_state(package: Path) -> None:
     (folder / "actors.gone-0123456789abcdef").mkdir()
     assert len(list(folder.glob("actors.deep.kernel-*"))) == 3
     python(package, "from actors import kernel_sources; kernel_sources.prune_cache()")
-    assert len(list(folder.glob("actors.deep.kernel-*"))) == 2
+    assert len(list(folder.glob("actors.deep.kernel-*"))) == 1
+    assert not list(folder.glob("actors.gone-*"))
     assert python(package, CALL) == "16 0"
 
 

@@ -12,9 +12,9 @@ a function of its arguments and of a seed given at construction, independent of 
 
 import math
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
 from typing import Final, NamedTuple, Protocol
 
+import msgspec
 import numpy as np
 
 from actors.array_types import Floats, Int64s, Octets, Records
@@ -75,8 +75,7 @@ class Interferer(Protocol):
         ...
 
 
-@dataclass(frozen=True)
-class PoissonTraffic:
+class PoissonTraffic(msgspec.Struct, frozen=True):
     """Traffic of a Poisson process."""
 
     octets: int
@@ -87,8 +86,7 @@ class PoissonTraffic:
     acknowledged: bool = False
 
 
-@dataclass(frozen=True)
-class SaturatedTraffic:
+class SaturatedTraffic(msgspec.Struct, frozen=True):
     """Saturated traffic: each frame is followed by the next."""
 
     octets: int

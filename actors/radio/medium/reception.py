@@ -78,12 +78,8 @@ def frame_error_rate(snr_db: Floats, octets: int) -> Floats:
     return -arrays.expm1(bits * log_right)
 
 
-def log_right_table() -> Floats:
-    """Return the logarithms of `log_right` at the table's ratios, as in the file log_right.npy."""
-    return arrays.log1p(-bit_error_rate(np.arange(int(CLEAN * _STEPS) + 2) / _STEPS))
-
-
 _LOG_RIGHT: Final[Floats] = np.load(Path(__file__).with_name("log_right.npy"))
+"""log(1 - bit_error_rate(k / _STEPS)), up to CLEAN; a test computes it."""
 _LOG_RIGHT.setflags(write=False)
 
 

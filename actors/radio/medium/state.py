@@ -5,11 +5,12 @@ transceivers with random phases practically never coincide.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
 from enum import IntEnum
 from typing import Any, Final, NamedTuple
 
+import msgspec
 import numpy as np
+from msgspec.structs import replace
 
 from actors.array_types import Floats, Int64s, Octets, Records
 from actors.ieee802154 import PSDU_LIMIT
@@ -243,8 +244,7 @@ class ExternalInputs(NamedTuple):
     """Current power of each source, (s, n), 0 while it is off."""
 
 
-@dataclass(frozen=True)
-class PhyParameters:
+class PhyParameters(msgspec.Struct, frozen=True):
     """Reception parameters of all receivers; the defaults model a 2.4 GHz O-QPSK receiver."""
 
     noise_dbm: float = -98.0
@@ -273,8 +273,7 @@ class PhyParameters:
     """Maximum number of octets that count for it."""
 
 
-@dataclass(frozen=True)
-class Transceiver:
+class Transceiver(msgspec.Struct, frozen=True):
     """Settings of one transceiver; defaults are the standard's, with the MRF24J40's sensitivity."""
 
     address: int

@@ -7,9 +7,10 @@ folder that it names is only a hint for the user; modules are loaded from there 
 import os
 import shlex
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
+
+import msgspec
 
 from actors.installation.usage import OptionError
 from actors.robot.behaviour import handover
@@ -24,8 +25,7 @@ from actors.user_code import (
 )
 
 
-@dataclass(frozen=True)
-class Permit:
+class Permit(msgspec.Struct, frozen=True):
     """Permission of a command line to load code that is not installed."""
 
     modules: tuple[Path, ...] = ()

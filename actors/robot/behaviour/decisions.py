@@ -5,7 +5,6 @@ The log is written to the robot's last record and does not influence the robot.
 
 import math
 from collections.abc import Container
-from dataclasses import dataclass
 from typing import Annotated, Any, Final, Protocol, Self, runtime_checkable
 
 import msgspec
@@ -21,8 +20,7 @@ from deeco.component import processes_of
 from deeco.local import Commit
 
 
-@dataclass(frozen=True)
-class RobotLimits(MessageLimits):
+class RobotLimits(MessageLimits, frozen=True):
     """Limits of a decision: those of messages and those of data that stays on the robot."""
 
     peers: int = 1000

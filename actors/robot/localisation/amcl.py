@@ -7,9 +7,9 @@ applied between them.
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Final
 
+import msgspec
 import numpy as np
 from numpy.random import Generator
 
@@ -53,8 +53,7 @@ class RecoveryAverages:
         return max(0.0, 1.0 - self._fast / self._slow)
 
 
-@dataclass
-class FilterCounts:
+class FilterCounts(msgspec.Struct):
     """Counts of a run."""
 
     updates: int = 0
@@ -80,7 +79,7 @@ class FilterCounts:
 
     def outcome(self) -> dict[str, object]:
         """Return the counts by name, with the mean number of particles."""
-        counts: dict[str, object] = dict(vars(self))
+        counts: dict[str, object] = msgspec.structs.asdict(self)
         del counts["particles"]
         counts["mean_particles"] = round(self.particles / self.updates, 1) if self.updates else 0.0
         return counts

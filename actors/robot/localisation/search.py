@@ -6,10 +6,10 @@ fit a scan best are tracked by odometry, and later scans select one.
 """
 
 import math
-from dataclasses import dataclass, field
 from functools import lru_cache
 from typing import Final, NamedTuple
 
+import msgspec
 import numpy as np
 from numpy.random import Generator
 
@@ -104,15 +104,14 @@ _MIN_LEAD: Final = 0.05
 """Minimum lead over all other plausible hypotheses."""
 
 
-@dataclass
-class PoseHypothesis:
+class PoseHypothesis(msgspec.Struct):
     """A possible pose of the robot."""
 
     frame: Pose
     """Pose of the odometry's origin in the map frame."""
     score: float
     scans: int = 0
-    lost: LostProbability = field(default_factory=lambda: LostProbability(0.5))
+    lost: LostProbability = msgspec.field(default_factory=lambda: LostProbability(0.5))
 
     @property
     def rank(self) -> float:

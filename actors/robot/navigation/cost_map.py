@@ -5,10 +5,10 @@ multiples of their side, so that rolling moves whole cells and marks keep their 
 """
 
 import math
-from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Any, Final, Literal
 
+import msgspec
 import numpy as np
 from msgspec.structs import replace
 from numpy.typing import ArrayLike, NDArray
@@ -39,8 +39,7 @@ INSCRIBED: Final = 253
 """Cost of a cell in which the robot's centre implies a collision."""
 
 
-@dataclass(frozen=True)
-class Inflation:
+class Inflation(msgspec.Struct, frozen=True):
     """Cost as a function of the distance to the nearest lethal cell."""
 
     inscribed: float

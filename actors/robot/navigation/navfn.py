@@ -7,9 +7,9 @@ the original: half a cell south-west of their potential.
 """
 
 import math
-from dataclasses import dataclass
 from typing import Final
 
+import msgspec
 import numpy as np
 
 from actors.array_types import Floats, Indices, Octets, Singles
@@ -26,8 +26,7 @@ _NO_INFORMATION: Final = 255
 """Cost of an unknown cell away from obstacles (costmap_2d)."""
 
 
-@dataclass(frozen=True, eq=False)
-class GlobalCosts:
+class GlobalCosts(msgspec.Struct, frozen=True, eq=False, weakref=True):
     """Global cost map of a floor plan for one body."""
 
     plan: OccupancyGrid

@@ -1,7 +1,6 @@
 """Goals as in move_base: one at a time, active until succeeded, aborted, replaced or cancelled."""
 
 from collections import deque
-from dataclasses import dataclass
 from enum import Enum
 from typing import Annotated, Final
 
@@ -44,8 +43,7 @@ class PursuitState(Enum):
 _CONTROLLING: Final = PursuitState.CONTROLLING
 
 
-@dataclass
-class Pursuit:
+class Pursuit(msgspec.Struct):
     """State of an active goal; a new goal resets it (MoveBase::executeCb)."""
 
     period: Duration
@@ -123,8 +121,7 @@ class Trail:
         return self._points[-1] if self._points else None
 
 
-@dataclass
-class Withdrawal:
+class Withdrawal(msgspec.Struct):
     """Backing out along the trail, requested by the behaviour."""
 
     distance_left: float
@@ -199,8 +196,7 @@ class _RobotState(msgspec.Struct, frozen=True, gc=False):
     velocity: Twist
 
 
-@dataclass(frozen=True)
-class _Retreat:
+class _Retreat(msgspec.Struct, frozen=True):
     """Backing away after a bumper contact."""
 
     begun: Instant

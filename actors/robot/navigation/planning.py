@@ -2,11 +2,11 @@
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
 from functools import lru_cache
 from types import MappingProxyType
 from typing import Final, Literal, Protocol, TypeVar
 
+import msgspec
 import numpy as np
 from msgspec.structs import replace
 from numpy.typing import NDArray
@@ -94,8 +94,7 @@ class GlobalPlanner(Protocol):
         ...
 
 
-@dataclass(frozen=True, eq=False)
-class PlanningGrid:
+class PlanningGrid(msgspec.Struct, frozen=True, eq=False, weakref=True):
     """Planning grid of a floor plan for one robot's body."""
 
     grid: OccupancyGrid

@@ -7,7 +7,6 @@ import os
 import re
 import secrets
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
@@ -32,8 +31,7 @@ _MAX_BYTES: Final = 1000
 """Most bytes of a file with one name and one password."""
 
 
-@dataclass(frozen=True)
-class HostGateway:
+class HostGateway(msgspec.Struct, frozen=True):
     """A router's endpoint for hosts: computers with their own router for their robots."""
 
     endpoint: str
@@ -44,8 +42,7 @@ class HostGateway:
     """Each host's robots, by the common name of its certificate."""
 
 
-@dataclass(frozen=True)
-class Credentials:
+class Credentials(msgspec.Struct, frozen=True):
     """Credential files of one run, and the router's sockets."""
 
     robots: tuple[str, ...]

@@ -15,7 +15,6 @@ import tempfile
 import time
 from collections.abc import Callable, Collection, Iterator, Mapping
 from contextlib import suppress
-from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import Annotated, Final, NamedTuple, NoReturn
@@ -198,8 +197,7 @@ class StrategyFolders(msgspec.Struct, frozen=True):
     """Folders searched for the strategy's module."""
 
 
-@dataclass(frozen=True)
-class SandboxPaths:
+class SandboxPaths(msgspec.Struct, frozen=True):
     """Paths outside the sandbox that differ from those inside."""
 
     folder: str
@@ -248,8 +246,7 @@ def code_paths(count: int) -> tuple[Path, ...]:
     return tuple(CODE / str(number) for number in range(1, count + 1))
 
 
-@dataclass(frozen=True)
-class IsolationChoice:
+class IsolationChoice(msgspec.Struct, frozen=True):
     """Decision whether robots are sandboxed."""
 
     isolate: bool
