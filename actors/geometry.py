@@ -5,6 +5,7 @@ x points east, y north; angles lie in (−π, π]; units are metres and radians 
 
 import math
 from collections.abc import Sequence
+from dataclasses import dataclass
 from itertools import pairwise
 from typing import Annotated, Final, NamedTuple, TypeAlias
 
@@ -158,7 +159,8 @@ def _edges(ring: Sequence[Vertex]) -> list[tuple[Vertex, Vertex]]:
     return list(zip(ring, (*ring[1:], ring[0]), strict=True))
 
 
-class Door(msgspec.Struct, frozen=True):
+@dataclass(frozen=True)
+class Door:
     """A narrow passage between regions."""
 
     index: int

@@ -169,19 +169,13 @@ class _Cache(FunctionCache):  # type: ignore[misc]
     def load_overload(self, sig: Any, target_context: Any) -> Any:
         """Load without numba's registries of functions, which only compilation needs."""
         found = self._load_overload(sig, target_context)
-        if found is None and unpack_once():
+        if found is None and unpack_kernels():
             found = self._load_overload(sig, target_context)
         if found is None:
             with hidden_scipy():
                 target_context.typing_context.refresh()
                 target_context.refresh()
         return found
-
-
-@remembered
-def unpack_once() -> bool:
-    """Unpack the kernels in the repository; return whether they are in the cache now."""
-    return bool(unpack_kernels())
 
 
 class _Files:
@@ -222,8 +216,9 @@ def _roots() -> tuple[Path, Path]:
     return cache_folder(), Path(AppDirs(appname="acrc", appauthor=False).user_cache_dir, "kernels")
 
 
+@remembered
 def unpack_kernels() -> set[str]:
-    """Copy all kernels of the archive that are current into the cache; return the names of their modules."""
+    """Copy the current kernels of the archive into the cache, once; return the names of their modules."""
     archived = read_archive().get(PYTHON, {})
     found = set()
     for folder, codes in archived.items():

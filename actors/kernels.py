@@ -52,14 +52,13 @@ _found: Final[dict[Kernel, list[tuple[dict[str, Any], str]]]] = {}
 
 def _names_of(kernel: Kernel) -> list[tuple[dict[str, Any], str]]:
     """Return the global names in which this kernel has to be replaced, except in installed packages."""
-    if len(sys.modules) > len(_searched):
-        for module in sys.modules.keys() - _searched:
-            names = getattr(sys.modules[module], "__dict__", {})
-            if "site-packages" not in str(names.get("__file__")):
-                for name, value in names.items():
-                    if type(value) is Kernel:
-                        _found.setdefault(value, []).append((names, name))
-        _searched.update(sys.modules)
+    for module in sys.modules.keys() - _searched:
+        names = getattr(sys.modules[module], "__dict__", {})
+        if "site-packages" not in str(names.get("__file__")):
+            for name, value in names.items():
+                if type(value) is Kernel:
+                    _found.setdefault(value, []).append((names, name))
+    _searched.update(sys.modules)
     return _found.pop(kernel, [])
 
 
@@ -96,10 +95,12 @@ def cache_folder() -> Path:
 
 def write_file(path: Path, content: bytes) -> bool:
     """Write a file of the cache atomically; return False if that is impossible."""
-    from actors.runtime.regular_file import write_atomically  # noqa: PLC0415  # rarely needed
-
+    part = path.with_suffix(f".{os.getpid()}")
     with suppress(OSError):
         path.parent.mkdir(parents=True, exist_ok=True)
-        write_atomically(path, content)
+        part.write_bytes(content)
+        part.replace(path)
         return True
+    with suppress(OSError):
+        part.unlink()
     return False

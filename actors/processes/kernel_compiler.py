@@ -32,7 +32,7 @@ def change_numba() -> None:
     gc.freeze()
     gc.set_threshold(*_THRESHOLDS)
     event.start_event = event.end_event = lambda *_, **__: None
-    kernel_dispatchers.unpack_once = cache(lambda: False)
+    kernel_dispatchers.unpack_kernels = cache(set)
     ir.Loc.__init__ = _init_location
     cpu.CPUContext.__repr__ = lambda _: "CPUContext"
     numbers = itertools.count()

@@ -30,6 +30,7 @@ for module in (raster, scans, visits):
 @pytest.fixture
 def cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path / "kernels"))
+    monkeypatch.setattr(kernel_dispatchers, "unpack_kernels", kernel_dispatchers.unpack_kernels.__wrapped__)
     return tmp_path / "kernels"
 
 

@@ -37,8 +37,7 @@ def package(tmp_path: Path) -> Path:
     (folder / "__init__.py").touch()
     (folder / "portable").mkdir()
     (folder / "portable" / "extensions.py").write_text("def register() -> None: pass\n")
-    (folder / "runtime").mkdir()
-    for module in ("kernels.py", "kernel_dispatchers.py", "kernel_sources.py", "runtime/regular_file.py"):
+    for module in ("kernels.py", "kernel_dispatchers.py", "kernel_sources.py"):
         shutil.copy(Path(str(kernels.__file__)).parent / module, folder / module)
     (folder / "deep" / "kernel.py").write_text(KERNEL + TWICE)
     (folder / "deep" / "constants.py").write_text("from actors.deep.numbers import TWO\n")
