@@ -23,6 +23,7 @@ from typing import Final, cast
 from actors.kernels import cache_folder, write_file
 
 _ROOT: Final = Path(__file__).parents[1]
+"""Folder of the project's packages; if these are installed, of all packages."""
 _COMPILED: Final = re.compile(r"(?m)import (?:\(\s*)?(?:njit|kernel)\b|^def fingerprint\b")
 """Found in modules with kernels, and in those with other arithmetic that has a fingerprint."""
 _ALL: Final = "*"
@@ -59,9 +60,8 @@ def _states(package: str) -> dict[str, str]:
     with suppress(OSError, ValueError):
         states = json.loads(path.read_text())
     if states.get("key") != key:
-        texts = {module_name(Path(source)): Path(source).read_text("utf-8") for source in sources}
-        compiled = [name for name, text in texts.items() if _COMPILED.search(text)]
-        used = {name: _used(name) for name in compiled}
+        compiled = [one for one in map(Path, sources) if _COMPILED.search(one.read_text("utf-8"))]
+        used = {name: _used(name) for name in map(module_name, compiled)}
         states = {name: _hash(_used(name)) for name in {one for found in used.values() for one, _ in found}}
         states |= {"key": key, "": _hash(set().union(*used.values()))}
         write_file(path, json.dumps(states).encode())
@@ -96,7 +96,7 @@ def module_name(source: Path) -> str:
 
 @remembered
 def _source(module: str) -> Path | None:
-    """Return the file of a module; None: not a module of this project."""
+    """Return the file of a module; None: it is elsewhere, or a name in a module."""
     path = _ROOT.joinpath(*module.split("."))
     return next((one for one in (path.with_suffix(".py"), path / "__init__.py") if one.is_file()), None)
 
@@ -111,17 +111,19 @@ def _hash(used: set[_Definition]) -> str:
 
 @remembered
 def _used(module: str) -> set[_Definition]:
-    """Return the definitions that the kernels and the fingerprint of a module use, recursively.
+    """Return the definitions of its package, actors and deeco that kernels and fingerprint of a module use.
 
+    Without those of this module: if they change, so do states, or nothing that a kernel contains.
     A module without them may have functions from which another module makes kernels.
     """
     found: set[_Definition] = set()
     todo = [*_module(module).kernels(), *_ALWAYS]
+    packages = {"actors", "deeco", module.partition(".")[0]}
     while todo:
-        definition = todo.pop()
-        if definition not in found and _source(definition[0]) is not None:
+        source, name = definition = todo.pop()
+        if definition not in found and source.partition(".")[0] in packages and source != __name__:
             found.add(definition)
-            todo.extend(_module(definition[0]).uses(definition[1]))
+            todo.extend(_module(source).uses(name))
     return found
 
 

@@ -51,10 +51,10 @@ _found: Final[dict[Kernel, list[tuple[dict[str, Any], str]]]] = {}
 
 
 def _names_of(kernel: Kernel) -> list[tuple[dict[str, Any], str]]:
-    """Return the global names in which this kernel has to be replaced, except in installed packages."""
+    """Return the global names in which this kernel has to be replaced, except in numba and its packages."""
     for module in sys.modules.keys() - _searched:
         names = getattr(sys.modules[module], "__dict__", {})
-        if "site-packages" not in str(names.get("__file__")):
+        if not module.startswith(("numba.", "numpy.")):
             for name, value in names.items():
                 if type(value) is Kernel:
                     _found.setdefault(value, []).append((names, name))

@@ -110,6 +110,24 @@ def test_a_change_affects_only_kernels_that_use_what_changes(
     assert (before[""] != after[""]) is bool(changed)
 
 
+def test_states_end_at_installed_packages_beside_the_projects(
+    package: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(kernel_sources, "_ROOT", package.parent)
+    monkeypatch.setenv("NUMBA_CACHE_DIR", str(package / "cache"))
+    (package / "deep" / "kernel.py").write_text(
+        f"import other\n{KERNEL}{TWICE.replace('x)', 'x, y=other.X)')}"
+    )
+    (package.parent / "other").mkdir()
+    other = package.parent / "other" / "__init__.py"
+    found = []
+    for text in ("X = 1\n", "X = 2\n"):
+        other.write_text(text)
+        found.append(states())
+    assert found[0] == found[1] and "actors.deep.kernel" in found[0]
+    assert not any(name.startswith("other") for name in found[0])
+
+
 def test_the_state_of_a_kernel_contains_every_global_name_that_it_uses() -> None:
     checked = 0
     for module in kernel_compilation.kernel_modules():
