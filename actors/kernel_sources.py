@@ -113,7 +113,7 @@ def _hash(used: set[_Definition]) -> str:
 def _used(module: str) -> set[_Definition]:
     """Return the definitions of its package, actors and deeco that kernels and fingerprint of a module use.
 
-    Without those of this module: if they change, so do states, or nothing that a kernel contains.
+    Definitions of this module are left out: kernels do not contain them.
     A module without them may have functions from which another module makes kernels.
     """
     found: set[_Definition] = set()
