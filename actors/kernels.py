@@ -17,7 +17,7 @@ _HERE: Final = Path(__file__).parent
 class Kernel:
     """A kernel that has not been called from Python yet.
 
-    Its first call replaces it by its dispatcher in the global names of all modules.
+    Its first call replaces it by its dispatcher in the global names of all modules but numba's and numpy's.
     """
 
     def __init__(self, function: Callable[..., Any], options: Mapping[str, Any]) -> None:
@@ -51,7 +51,7 @@ _found: Final[dict[Kernel, list[tuple[dict[str, Any], str]]]] = {}
 
 
 def _names_of(kernel: Kernel) -> list[tuple[dict[str, Any], str]]:
-    """Return the global names in which this kernel has to be replaced, except in numba and its packages."""
+    """Return the global names in which this kernel has to be replaced."""
     for module in sys.modules.keys() - _searched:
         names = getattr(sys.modules[module], "__dict__", {})
         if not module.startswith(("numba.", "numpy.")):

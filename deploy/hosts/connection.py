@@ -133,7 +133,7 @@ def check_tls(client: Client, address: str) -> None:
 
 
 def error_line(error: Exception) -> str:
-    """Return the first line of an error's message, truncated; without a message its class."""
+    """Return the first line of an error's message, truncated; without a message its repr."""
     return printable(str(error).partition("\n")[0][:500] or repr(error))
 
 

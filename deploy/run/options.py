@@ -31,6 +31,8 @@ Bus = Literal["zenoh", "memory"]
 
 
 class _Output(msgspec.Struct, frozen=True):
+    """The only option that may be given by position."""
+
     out: Path
     """Absolute path of a new or empty folder for everything that the run writes."""
 
