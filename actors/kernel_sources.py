@@ -18,7 +18,7 @@ from contextlib import suppress
 from functools import cache as remembered
 from importlib.metadata import version
 from pathlib import Path
-from typing import Final, cast
+from typing import Final
 
 from actors.kernels import cache_folder, write_file
 
@@ -56,7 +56,8 @@ def _states(package: str) -> dict[str, str]:
     for source in sources:
         found = os.stat(source)  # noqa: PTH116 - faster
         hashed.update(f"{source} {found.st_size} {found.st_mtime_ns} {found.st_ctime_ns}\n".encode())
-    key, states = hashed.hexdigest(), {}
+    key = hashed.hexdigest()
+    states: dict[str, str] = {}
     with suppress(OSError, ValueError):
         states = json.loads(path.read_text())
     if states.get("key") != key:
@@ -65,7 +66,7 @@ def _states(package: str) -> dict[str, str]:
         states = {name: _hash(_used(name)) for name in {one for found in used.values() for one, _ in found}}
         states |= {"key": key, "": _hash(set().union(*used.values()))}
         write_file(path, json.dumps(states).encode())
-    return cast(dict[str, str], states)
+    return states
 
 
 def _files(package: str) -> Iterator[str]:
